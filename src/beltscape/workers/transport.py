@@ -102,15 +102,15 @@ def _read(pipe: IO[bytes], size: int) -> bytes:
 
 Value = TypeVar("Value")
 _KEPT = 16
-"""Parcels that a process keeps unpacked: a measurement has four, and another one may follow it."""
-_unpacked: OrderedDict[bytes, Parcel[Any]] = OrderedDict()
-"""The parcels that other processes sent to this one, by digest; the last one used stands last."""
+"""Shared objects that a process keeps unpacked: a measurement has four, and another one may follow it."""
+_unpacked: OrderedDict[bytes, SharedObject[Any]] = OrderedDict()
+"""The shared objects that other processes sent to this one, by digest; the last one used stands last."""
 
 
-class Parcel(Generic[Value]):
+class SharedObject(Generic[Value]):
     """An object that is part of many tasks: pickled once here, unpickled once in each process that receives it.
 
-    Of parcels with the same content a process receives the same object, so that `is` compares them there.
+    Of shared objects with the same content a process receives the same object, so that `is` compares them there.
     """
 
     def __init__(self, value: Value) -> None:
@@ -124,16 +124,16 @@ class Parcel(Generic[Value]):
         return hashlib.blake2b(data, digest_size=16).digest(), data
 
     def __reduce__(self) -> tuple[Any, tuple[bytes, bytes]]:
-        return _unpack, self._content
+        return _receive_shared, self._content
 
 
-def _unpack(digest: bytes, data: bytes) -> Parcel[Any]:
-    """Return the parcel with this digest."""
-    parcel = _unpacked.pop(digest, None)
-    if parcel is None:
-        parcel = Parcel(pickle.loads(data))
-        parcel.__dict__["_content"] = digest, data  # where it is sent on
-    _unpacked[digest] = parcel
+def _receive_shared(digest: bytes, data: bytes) -> SharedObject[Any]:
+    """Return the shared object with this digest."""
+    shared = _unpacked.pop(digest, None)
+    if shared is None:
+        shared = SharedObject(pickle.loads(data))
+        shared.__dict__["_content"] = digest, data  # where it is sent on
+    _unpacked[digest] = shared
     while len(_unpacked) > _KEPT:
         _unpacked.popitem(last=False)
-    return parcel
+    return shared

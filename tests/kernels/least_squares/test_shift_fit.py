@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.ndimage import shift
+from scipy.ndimage import shift  # pyrefly: ignore[missing-module-attribute]
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load

@@ -22,7 +22,7 @@ from beltscape.health.images.surface_samples import SurfaceGrid, SurfaceSamples
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
-from beltscape.workers.transport import Parcel
+from beltscape.workers.transport import SharedObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,9 +33,9 @@ class SampleRequest:
     """Whether the synchronisation is checked."""
     belt: bool
     """Whether the projector is."""
-    pattern: Parcel[LearnedPattern | None]
+    pattern: SharedObject[LearnedPattern | None]
     """The learned pattern of the projector; None: it is being learned."""
-    reference: Parcel[EmptyBeltReference]
+    reference: SharedObject[EmptyBeltReference]
     """The learned empty belt."""
 
 
@@ -81,8 +81,8 @@ class BeltImageMonitor:
     ) -> None:
         """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
         self._rig, self._settings = rig, settings
-        self._reference = Parcel(reference)
-        self._pattern: Parcel[LearnedPattern | None] = Parcel(pattern)
+        self._reference = SharedObject(reference)
+        self._pattern: SharedObject[LearnedPattern | None] = SharedObject(pattern)
         self._grid = SurfaceGrid(rig)
         self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, self._grid)
         self._synchronisation = SynchronisationMonitor(rig, settings, self._grid)
@@ -102,7 +102,7 @@ class BeltImageMonitor:
         if not (surface or belt):
             return None
         if self._pattern.value is not self._projector.learned:
-            self._pattern = Parcel(self._projector.learned)
+            self._pattern = SharedObject(self._projector.learned)
         return SampleRequest(surface, belt, self._pattern, self._reference)
 
     def adopt(

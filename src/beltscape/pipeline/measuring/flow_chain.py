@@ -30,7 +30,7 @@ from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
-from beltscape.workers.transport import Parcel
+from beltscape.workers.transport import SharedObject
 
 _OTHER_RAD = 1.5e-3
 """Another rig: 1 px at 600 px of focal length; calibrations of one rig differ by a tenth of it."""
@@ -147,7 +147,7 @@ class FlowChain:
         ``images`` checks the images against the measured surface and motion; None: they are not checked.
         """
         self.meter: BeltFlowMeter = meter
-        self._reference = Parcel(meter.reference)
+        self._reference = SharedObject(meter.reference)
         """The empty belt of the next requests."""
         self.done = 0
         """Number of frame sets that were reconstructed."""
@@ -207,7 +207,7 @@ class FlowChain:
         if self._images is not None:
             samples = self._images.expect(frames, ahead + (self._waiting is not None))
         if self._reference.value is not reference:
-            self._reference = Parcel(reference)
+            self._reference = SharedObject(reference)
         return MeasurementRequest(self._reference, self._belt.limits, samples, ahead)
 
     def _get_known(self, one: _MatchedFrame) -> FrameMeasurements | None:

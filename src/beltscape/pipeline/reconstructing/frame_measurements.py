@@ -28,7 +28,7 @@ from beltscape.measure.flow.meter import PreparedDepth, prepare_depth
 from beltscape.stereo.consistency.check import ResidualAccumulator, check_consistency
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
-from beltscape.workers.transport import Parcel
+from beltscape.workers.transport import SharedObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class CamerasAhead:
 class MeasurementRequest:
     """What to measure in a frame."""
 
-    reference: Parcel[EmptyBeltReference]
+    reference: SharedObject[EmptyBeltReference]
     """What the frame is measured against."""
     limits: BeltLimits
     samples: SampleRequest | None

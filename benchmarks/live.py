@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,8 @@ class Cost:
     records: int
     own_cpu_s: float
     """CPU time of the process that orders and measures, without its workers'."""
+    latency: Mapping[str, float | None]
+    """From the arrival of a frame set to its published record; see `beltscape.service.view_models.Latency`."""
 
 
 def live(rendered: Path, rig: Rig) -> list[str]:
@@ -79,11 +82,23 @@ def _row(capture: Path, empty: Path, width: int, preset: str, pairs_s: float) ->
     return f"| {width} px | {preset} | {figures} |"
 
 
-def replay(capture: Path, empty: Path, preset: str, rounds: int, workers: int | str = "auto") -> Cost:
-    """Run the program over ``rounds`` repetitions of the capture and return its cost."""
+def replay(
+    capture: Path,
+    empty: Path,
+    preset: str,
+    rounds: int,
+    workers: int | str = "auto",
+    sets_per_s: float | None = None,
+) -> Cost:
+    """Run the program over ``rounds`` repetitions of the capture and return its cost.
+
+    ``sets_per_s`` is the rate at which frame sets come; None: each as soon as there is room for it.
+    """
     plant = empty.parent
     listed = _rounds(capture, plant / f"{capture.name}x{rounds}", rounds)
-    project = plant / f"{capture.name}-{preset}-{rounds}-{workers}.toml"
+    if sets_per_s is not None:
+        listed = pace_capture(listed, plant / f"{listed.name}-{sets_per_s:.3g}", sets_per_s)
+    project = plant / f"{listed.name}-{preset}-{workers}.toml"
     project.write_text(
         f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\n[capture]\nfolder = "{listed}"\n'
         f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\nworkers = {json.dumps(workers)}\n'
@@ -92,7 +107,9 @@ def replay(capture: Path, empty: Path, preset: str, rounds: int, workers: int | 
     )
     began = perf_counter()
     out = plant / f"{project.stem}.out"
+    speed = "full" if sets_per_s is None else "real"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
+    words += ["--speed", speed]
     before, peak_mb, own_s = os.times(), 0.0, 0.0  # os.wait4 would return at least our own peak
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
         output = None
@@ -105,7 +122,8 @@ def replay(capture: Path, empty: Path, preset: str, rounds: int, workers: int | 
         raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
     seconds, after = perf_counter() - began, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
-    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(output)["records"], own_s)
+    result = json.loads(output)
+    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, result["records"], own_s, result["latency"])
 
 
 def _read_cpu_s(process: int) -> float:
@@ -135,6 +153,18 @@ def _rounds(capture: Path, folder: Path, rounds: int) -> Path:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 os.link(files[Path(name).stem], target)
     (folder / "encoder.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
+    return folder
+
+
+def pace_capture(capture: Path, folder: Path, sets_per_s: float) -> Path:
+    """Write and return the capture with other times: frame sets at an even rate, at the same places of the belt."""
+    if not folder.is_dir():
+        shutil.copytree(capture, folder, copy_function=os.link)
+    table = (capture / "encoder.csv").read_text().splitlines()
+    rows = [line.split(",") for line in table[1:]]
+    lines = [f"{name},{k / sets_per_s},{place}" for k, (name, _, place) in enumerate(rows)]
+    (folder / "encoder.csv").unlink()  # a link to the capture's own
+    (folder / "encoder.csv").write_text("\n".join([table[0], *lines]) + "\n", encoding="utf-8")
     return folder
 
 

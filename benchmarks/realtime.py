@@ -6,6 +6,8 @@
 row is the difference of a run of R rounds and one of a single round, so that the start does not count. *Serial* is
 the CPU time of the process that checks, orders and measures: no worker shares it. From it and from the CPU time of a
 worker the model takes the rate of more cores, of which one orders: the lesser of (cores − 1) / worker and 1 / serial.
+The latency, from the arrival of a frame set to its published record, is that of a run in which frame sets come at
+`_HELD` of the rate that the most workers held.
 """
 
 from __future__ import annotations
@@ -24,6 +26,11 @@ from results import ROOT
 from tables import format_cells, format_head
 
 HEAD = ("width px", "preset", "workers", "sets/s", "CPU s a set", "serial s", "× one worker")
+LATENCY_HEAD = (
+    "width px", "preset", "workers", "sets/s", "belt m/s", "records", "median s", "90 % s", "99 % s", "worst s",
+)  # fmt: skip
+_HELD = 0.8
+"""Share of the rate that is held at which frame sets come: a plant leaves room for other programs."""
 CORES = (4, 8, 16, 32)
 """Cores of the model."""
 WIDTHS_PX, PRESETS, WORKERS, ROUNDS = (612, 1224), ("fast", "standard"), (1, 2), 2
@@ -55,9 +62,22 @@ def measure_rate(capture: Path, empty: Path, preset: str, workers: int, rounds: 
     )
 
 
+def measure_latency(
+    capture: Path, empty: Path, preset: str, workers: int, rounds: int, rate: float
+) -> list[str]:
+    """Return the cells of the latency's distribution at a rate of frame sets, in sets per second."""
+    found = replay(capture, empty, preset, rounds, workers, rate).latency
+    belt = [float(line.split(",")[2]) for line in (capture / "encoder.csv").read_text().splitlines()[1:]]
+    speed = rate * (belt[-1] - belt[0]) / (len(belt) - 1) * 1e-3
+    times = [f"{found[name]:.2f}" for name in ("median_s", "most_90_s", "most_99_s", "worst_s")]
+    return [str(workers), f"{rate:.2f}", f"{speed:.2f}", f"{found['records']}", *times]
+
+
 NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on
 disk; the start does not count. *Serial*: CPU time a set of the process that checks, orders and measures, which no
-worker shares. The model: of all cores one orders and measures, the others match, as fast as one worker does."""
+worker shares. The model: of all cores one orders and measures, the others match, as fast as one worker does.
+*Latency*: from the arrival of a frame set to its record being stored and passed on, with frame sets at 0.8 of the
+rate that the most workers held; it includes the time until the belt has left the view and its holes are filled."""
 
 
 def realtime(rendered: Path, rig: Rig) -> list[str]:
@@ -78,6 +98,7 @@ def tabulate(
     """Yield the lines of the table, and of the model of more cores."""
     yield from format_head(HEAD)
     model = format_head(("width px", "preset", *(f"{cores} cores, sets/s" for cores in CORES)))
+    latency = format_head(LATENCY_HEAD)
     with tempfile.TemporaryDirectory() as folder:
         for width in widths:
             capture, empty = make_plant(rendered, rig, Path(folder), width)
@@ -89,7 +110,10 @@ def tabulate(
                     yield format_cells([str(width), preset, str(number), *figures, gain])
                 predicted = (f"{rates[0].predict(cores):.1f}" for cores in CORES)
                 model.append(format_cells([str(width), preset, *predicted]))
-    yield from ["", *model]
+                held = _HELD * rates[-1].sets_per_s
+                cells = measure_latency(capture, empty, preset, workers[-1], rounds, held)
+                latency.append(format_cells([str(width), preset, *cells]))
+    yield from ["", *model, "", *latency]
 
 
 def main() -> None:

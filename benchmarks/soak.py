@@ -1,297 +1,135 @@
-"""Endurance test of a simulated plant: cameras and program are killed, files damaged, disk and database taken.
+"""A plant at its limit for minutes or hours, with everything on: memory, latency, and the ledger's ends.
 
-    unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 60]
-        [--calm-minutes 30] [--frames-per-s 2]
+    python benchmarks/soak.py [RENDERED] [--minutes M] [--sets-per-s R] [--width PX] [--preset NAME] [--workers N]
 
-CAPTURE is a capture of the moving belt with encoder.csv, repeated by simulated GigE Vision cameras; RIG and EMPTY are
-as for `beltscape run`. No fault occurs in the calm minutes, in which the memory is observed. It needs root (addresses
-and a small file system), Aravis and Chromium. At the end it checks that every millimetre of the encoder is in the
-ledger once and that every record shown on the page reads back unchanged; the pulses are the total's litres. Writes
-OUT/soak.json and OUT/page.png.
+`beltscape run` of the rendered moving belt in a loop, with the page, Modbus, OPC UA, CSV and the recording ring. It
+prints memory and CPU time of all its processes each minute, then what the history holds: the records, whether each
+begins where the last one ended, and how their delay behind their frame sets changed from the first to the last tenth.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import math
-import random
+import os
 import signal
-import sqlite3
-import struct
+import statistics
 import subprocess
 import sys
+import tempfile
 import time
-import urllib.request
-from collections.abc import Generator
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
-from typing import Any
 
-from beltscape.files.json_text import write_json
+from beltscape.core.ledger import BeltRecord
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from beltscape.sources.fake_genicam.camera import COUNTER
-from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras, add_addresses, read_pictures
+from captures import parse_true_rig
+from live import make_plant, pace_capture
+from results import ROOT
+from timing import memory_mb
 
-PORT = 8470
-MM_PER_COUNT = 0.01
-DISK_MIB = 192
-SAMPLE_S = 5.0
-FAULTS = ("camera", "core", "disk", "kill", "lock", "state")
-STATE = ("pulses.json", "alarm_states.json", "alarms.json", "maintenance.json", "encoder.json", "totals.json")
+_END_NS, _PAGE = 1 << 62, 5000
 
 
-@dataclass
-class Observations:
-    """Data served to the page, memory and faults during the test."""
+def write_project(plant: Path, capture: Path, empty: Path, preset: str, workers: str) -> Path:
+    """Write and return the plant's project.toml."""
+    project = plant / "project.toml"
+    project.write_text(
+        f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\ndata = "{plant / "data"}"\n'
+        f'[capture]\nfolder = "{capture}"\nloop = true\n[encoder]\nkind = "capture"\n'
+        f'[matching]\npreset = "{preset}"\nworkers = {workers}\n'
+        "[web]\nport = 0\n[modbus]\nport = 0\n[opcua]\nport = 0\n[csv]\nenabled = true\n"
+        '[recording]\nmode = "ring"\nring_min = 1.0\n',
+        encoding="utf-8",
+    )
+    return project
 
-    records: dict[int, dict[str, Any]] = field(default_factory=dict)
-    rss_mib: list[tuple[float, int, float]] = field(default_factory=list)
-    """(seconds, process, MiB)."""
-    alarms: set[str] = field(default_factory=set)
-    faults: list[tuple[float, str]] = field(default_factory=list)
-    unanswered: int = 0
+
+def list_family(process: int) -> list[int]:
+    """Return a process and the processes that it began."""
+    children = Path(f"/proc/{process}/task/{process}/children")
+    began = children.read_text().split() if children.exists() else []
+    return [process, *(one for child in began for one in list_family(int(child)))]
+
+
+def watch(program: subprocess.Popen[str], minutes: float) -> list[float]:
+    """Print the memory each minute until the time is over; return it, MB."""
+    began, memory_of_minutes = time.monotonic(), list[float]()
+    while time.monotonic() - began < 60 * minutes and program.poll() is None:
+        time.sleep(min(60.0, max(60 * minutes - (time.monotonic() - began), 0.1)))
+        family = list_family(program.pid)
+        memory = [memory_mb("VmRSS", process) for process in family]
+        memory_of_minutes.append(sum(memory))
+        parts = " ".join(f"{each:.0f}" for each in memory)
+        print(f"{(time.monotonic() - began) / 60:5.1f} min  {sum(memory):6.0f} MB  ({parts})", flush=True)
+    return memory_of_minutes
+
+
+def read_ledger(data: Path) -> list[BeltRecord]:
+    """Return all records of a history."""
+    historian, records = Historian(data, HistorySettings()), list[BeltRecord]()
+    while page := historian.records(0, _END_NS, limit=_PAGE, after=records[-1].number if records else 0):
+        records += page
+    historian.close()
+    return records
+
+
+def describe_ledger(records: Sequence[BeltRecord]) -> list[str]:
+    """Return lines about the belt's ends, the standings and the change of the delay."""
+    gaps = [later.belt_mm[0] - before.belt_mm[1] for before, later in pairwise(records)]
+    metres = dict.fromkeys(("valid", "degraded", "missing"), 0.0)
+    for record in records:
+        metres[record.standing] += record.length_mm * 1e-3
+    delays = [
+        (record.wall_ns - record.strip.time_ns) * 1e-9
+        for record in records
+        if record.strip is not None and record.strip.time_ns is not None
+    ]
+    tenth = max(len(delays) // 10, 1)
+    change = (
+        statistics.median(delays[-tenth:]) - statistics.median(delays[:tenth]) if delays else float("nan")
+    )
+    return [
+        f"{len(records)} records, largest gap or overlap {max(map(abs, gaps), default=0.0):.6f} mm",
+        ", ".join(f"{length:.3f} m {standing}" for standing, length in metres.items()),
+        f"delay of the last tenth over that of the first {change:+.3f} s",
+    ]
 
 
 def main() -> None:
-    """Run the test and print its result."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("capture", "rig", "empty", "out"):
-        parser.add_argument(name, type=Path)
+    """Run the plant, and print what it did."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    rendered = ROOT.parent / "shared" / "data" / "rendered"
+    parser.add_argument("rendered", nargs="?", type=Path, default=rendered)
     parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--calm-minutes", type=float, default=30.0, help="before the first fault")
-    parser.add_argument("--frames-per-s", type=float, default=2.0)
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    data = out / "data"
-    data.mkdir(parents=True)
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(data)], check=True)
-    pictures, counts, around = read_pictures(arguments.capture, MM_PER_COUNT)
-    bench = SimulatedCameras(out / "bench", pictures, arguments.frames_per_s, counts, around)
-    add_addresses(bench.devices.values())
-    project = out / "project.toml"
-    project.write_text(_project(arguments, bench), encoding="utf-8")
-    with bench, _page(out / "page.png"):
-        observed = run_with_faults(project, bench, data, arguments.minutes * 60, arguments.calm_minutes * 60)
-        counted = Encoder(out / "bench", counts, around).position_mm
-    result = assess(data, observed, counted)
-    write_json(out / "soak.json", result)
-    print(json.dumps({k: v for k, v in result.items() if k not in ("faults", "memory")}, indent=1))
-
-
-def _project(arguments: argparse.Namespace, bench: SimulatedCameras) -> str:
-    devices = "\n".join(f'{name} = "{address}"' for name, address in bench.devices.items())
-    rate = arguments.frames_per_s
-    return f"""name = "soak"
-rig = "{arguments.rig.resolve()}"
-empty = "{arguments.empty.resolve()}"
-data = "data"
-[cameras]
-frames_per_s = {rate}
-pixel_format = "{next(iter(bench.formats.values()))}"
-allowed_skew_ms = {150 / rate:.4g}
-clocks = "ptp"
-packet_size = 9000
-[cameras.devices]
-{devices}
-[cameras.encoder]
-feature = "{COUNTER}"
-mm_per_count = {MM_PER_COUNT}
-[encoder]
-kind = "camera"
-[history]
-reserve_mib = 8
-[modbus]
-port = {PORT + 1}
-pulse_l = 1
-[recording]
-ring_min = 0.2
-limit_gib = 0.1
-free_gib = 0.02
-[alarms.camera_skew]
-skew_ms = {100 / rate:.4g}
-[web]
-port = {PORT}
-[web.access]
-anonymous_role = "viewer"
-"""
-
-
-def run_with_faults(
-    project: Path, bench: SimulatedCameras, data: Path, seconds: float, calm_s: float
-) -> Observations:
-    """Run the program, cause and clear faults periodically, and record the data served to the page."""
-    observed, chance = Observations(), random.Random(7)
-    began = time.monotonic()
-    program = _start(project)
-    fault_at = max(60.0, calm_s)
-    while (now := time.monotonic() - began) < seconds:
-        _sample(observed, now, program.pid)
-        if now > fault_at and now < seconds - 60:
-            kind = FAULTS[len(observed.faults) % len(FAULTS)]
-            observed.faults.append((now, kind))
-            program = _cause_fault(kind, program, project, bench, data, chance)
-            fault_at = time.monotonic() - began + chance.uniform(20, 40)
-        time.sleep(SAMPLE_S)
-    _sample(observed, seconds, program.pid)
-    program.send_signal(signal.SIGINT)
-    program.wait(60)
-    return observed
-
-
-def _cause_fault(
-    kind: str,
-    program: subprocess.Popen[bytes],
-    project: Path,
-    bench: SimulatedCameras,
-    data: Path,
-    chance: random.Random,
-) -> subprocess.Popen[bytes]:
-    """Cause one fault for some seconds; return the program that runs afterwards."""
-    names = list(bench.devices)
-    if kind in ("camera", "core"):
-        name = names[0] if kind == "core" else chance.choice(names[1:])
-        bench.kill(name)
-        time.sleep(chance.uniform(5, 15))
-        bench.start(name)
-    elif kind == "disk":
-        filler = data / "filler"
-        with contextlib.suppress(OSError), filler.open("wb") as file:
-            while True:
-                file.write(bytes(1 << 16))
-                file.flush()
-        time.sleep(chance.uniform(8, 15))
-        filler.unlink()
-    elif kind == "lock":
-        other = sqlite3.connect(data / "history.db", isolation_level=None, timeout=60)
-        other.execute("BEGIN IMMEDIATE")
-        time.sleep(chance.uniform(20, 60))
-        other.close()
-    else:
-        program.kill()
-        program.wait()
-        for name in STATE if kind == "state" else ():
-            with (data / name).open("ab") as file:
-                file.truncate(chance.randrange(file.tell() + 1))
-        time.sleep(chance.uniform(1, 6))
-        return _start(project)
-    return program
-
-
-def _start(project: Path) -> subprocess.Popen[bytes]:
-    with (project.parent / "run.log").open("ab") as log:
-        words = [sys.executable, "-m", "beltscape", "run", str(project)]
-        return subprocess.Popen(words, stdout=log, stderr=log)
-
-
-def _sample(observed: Observations, now: float, process: int) -> None:
-    """Sample the records and alarms of the page's interface, and the process's memory."""
-    with contextlib.suppress(OSError):
-        pages = Path(f"/proc/{process}/statm").read_text().split()[1]
-        observed.rss_mib.append((now, process, int(pages) * 4096 / 2**20))
-    try:
-        after = max(observed.records, default=0)
-        now_ms = time.time_ns() // 10**6 + 60_000
-        for record in _get(f"records?since_ms=0&until_ms={now_ms}&limit=1000&after={after}"):
-            observed.records[record["number"]] = record
-        observed.alarms |= {alarm["name"] for alarm in _get("state")["alarms"] if alarm["state"] != "clear"}
-    except (OSError, ValueError):
-        observed.unanswered += 1
-
-
-def _get(what: str) -> Any:
-    with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/api/{what}", timeout=5) as answer:
-        return json.load(answer)
-
-
-@dataclass
-class Encoder:
-    """The counter of the simulated cameras, from their file of instants."""
-
-    folder: Path
-    counts: list[int]
-    around: int
-
-    @property
-    def position_mm(self) -> float:
-        """Belt position of the newest instant."""
-        (number,) = struct.unpack("<q", (self.folder / "instants").read_bytes()[:8])
-        rounds, index = divmod(number, len(self.counts))
-        return (self.counts[index] + rounds * self.around) * MM_PER_COUNT
-
-
-def assess(data: Path, observed: Observations, counted_mm: float) -> dict[str, Any]:
-    """Compare the ledger with the encoder and with the records served to the page."""
-    historian = Historian(data, HistorySettings(reserve_mib=8))
-    records = historian.records(0, 1 << 62, 1 << 40)
-    totals = historian.totals
-    historian.close()
-    kept = {record.number: record for record in records}
-    placed = [one for one in records if one.strip is not None and math.isfinite(one.strip.belt_position_mm)]
-    view = next(one.belt_mm[1] - one.strip.belt_position_mm for one in placed if one.strip is not None)
-    return {
-        "minutes": observed.rss_mib[-1][0] / 60,
-        "records": len(records),
-        "runs": len({record.run for record in records}),
-        "numbers_follow": all(b.number == a.number + 1 for a, b in pairwise(records)),
-        "intervals_meet": all(b.belt_mm[0] == a.belt_mm[1] for a, b in pairwise(records)),
-        "ledger_m": (records[-1].belt_mm[1] - records[0].belt_mm[0]) / 1000,
-        "valid_m": totals.valid_mm / 1000,
-        "degraded_m": totals.degraded_mm / 1000,
-        "missing_m": totals.missing_mm / 1000,
-        "ledger_end_less_encoder_mm": records[-1].belt_mm[1] - counted_mm,
-        "view_ahead_of_encoder_mm": view,
-        "volume_m3": totals.volume_mm3 * 1e-9,
-        "sum_of_records_m3": sum(r.volume_mm3 for r in records) * 1e-9,
-        "pulses": json.loads((data / "pulses.json").read_text())["count"],
-        "shown": len(observed.records),
-        "shown_and_lost": sorted(set(observed.records) - set(kept)),
-        "shown_and_changed": [
-            n
-            for n, shown in observed.records.items()
-            if n in kept and abs(shown["to_m"] * 1000 - kept[n].belt_mm[1]) > 1e-6
-        ],
-        "alarms": sorted(observed.alarms),
-        "faults": observed.faults,
-        "unanswered": observed.unanswered,
-        "memory_mib": _memory(observed.rss_mib),
-        "memory": observed.rss_mib,
-    }
-
-
-def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
-    """Return, per process of at least ten minutes and without its first two, start, end and peak memory."""
-    rows = []
-    for process in dict.fromkeys(number for _, number, _ in samples):
-        own = [(now, mib) for now, number, mib in samples if number == process]
-        settled = [mib for now, mib in own if now > own[0][0] + 120]
-        if own[-1][0] - own[0][0] < 600:
-            continue
-        tenth = max(1, len(settled) // 10)
-        first, last = median(settled[:tenth]), median(settled[-tenth:])
-        minutes = (own[-1][0] - own[0][0]) / 60
-        rows.append({"minutes": minutes, "first": first, "last": last, "most": max(settled)})
-    return rows
-
-
-@contextlib.contextmanager
-def _page(picture: Path) -> Generator[None]:
-    """Keep the operator's page open in a browser."""
-    script = Path(__file__).with_name("open_page.py")
-    words = [sys.executable, str(script), f"http://127.0.0.1:{PORT}/", str(picture)]
-    browser = subprocess.Popen(words, stdin=subprocess.PIPE)
-    try:
-        yield
-    finally:
-        if browser.stdin:
-            browser.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            browser.wait(10)
-        browser.kill()
+    parser.add_argument("--sets-per-s", type=float, default=4.0)
+    parser.add_argument("--width", type=int, default=612)
+    parser.add_argument("--preset", default="fast")
+    parser.add_argument("--workers", default='"auto"')
+    chosen = parser.parse_args()
+    rig = parse_true_rig(json.loads((chosen.rendered / "truth" / "rig.json").read_text("utf-8")))
+    with tempfile.TemporaryDirectory() as folder:
+        plant = Path(folder)
+        capture, empty = make_plant(chosen.rendered, rig, plant, chosen.width)
+        paced = pace_capture(capture, plant / "paced", chosen.sets_per_s)
+        project = write_project(plant, paced, empty, chosen.preset, chosen.workers)
+        words = [sys.executable, "-m", "beltscape", "run", str(project), "--json"]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
+            memory = watch(program, chosen.minutes)
+            os.kill(program.pid, signal.SIGTERM)
+            output, _ = program.communicate()
+        if program.returncode:
+            raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
+        latency = json.loads(output)["latency"]
+        third = max(len(memory) // 3, 1)
+        growth = statistics.mean(memory[-third:]) - statistics.mean(memory[:third])
+        print(f"memory of the last third over that of the first {growth:+.0f} MB")
+        print(f"latency {latency}")
+        print("\n".join(describe_ledger(read_ledger(plant / "data"))))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from beltscape.kernels.geometry import (
 )
 from beltscape.kernels.holes import HoleFillingKernels
 from beltscape.kernels.images import GatheringKernels, WarpingKernels
-from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKernels
+from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKernels, ShiftFitKernels
 from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
@@ -37,6 +37,7 @@ class Kernels(
     PlaneSweepKernels,
     NormalEquationsKernels,
     LocalFitKernels,
+    ShiftFitKernels,
     PropagationKernels,
     NetworkKernels,
     MessagePassingKernels,

@@ -71,6 +71,25 @@ RATIOS = (-5.0, 5.0)
 LOG_VARIANCE = (-12.0, 3.0)
 """Limits to which a predicted logarithm of a variance is clipped: σ from 0.0025 to 4.5 of its unit."""
 
+CONTINUED_CELLS = 8
+"""Lines of the continuation end at this distance; nine tenths of the missed cells that a frame saw lit lie within 3.6
+cells of measured ones."""
+PLANE_CELLS = 2
+"""Half the window in which a plane is fitted at the end of a line, cells."""
+STEEPEST = 3.0
+"""Cells of a window that rise more than this, over their distance, from its centre belong to another surface."""
+SUPPORT_CELLS = 1.2
+"""Predictions that differ by less than this, in edges of a cell, support each other."""
+MOST_CELLS = 32.0
+"""Differences of heights are limited to this, in edges of a cell."""
+LOGIT = (-1.66, -0.204, 0.84, -0.0425, 0.0403)
+"""Weights of the logit of the probability that a prediction is right to `SUPPORT_CELLS`: constant, distance in cells,
+sum of the inverse distances of the predictions that support it, height above the lowest and below the highest
+prediction in cells. Fitted by maximum likelihood to 90,000 hole cells of three simulated heaps with three to five
+cameras; fits to each heap alone differ by up to a fifth, in the constant by 0.4."""
+CONTINUED_ALONG = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+"""Rows and columns of a step along each line of the continuation."""
+
 LINES = ("line of sight", "shortest line", "second line", "third line", "longest line")
 """Names of the lines: the core's line of sight, then four others by ascending gap."""
 _OF_A_LINE = (
@@ -145,6 +164,25 @@ class HoleInputs(NamedTuple):
     """(H,) height of the smooth surface; NaN where no line has a rim on both sides."""
     scale: NDArray[np.float64]
     """(H,) range in which the height may deviate from it."""
+
+
+class ContinuationInput(NamedTuple):
+    """Checked input of `continue_surface`: a field of heights over the belt, and the rows whose holes count."""
+
+    field: NDArray[np.float64]
+    """(Ny, Nx) heights, NaN where not measured."""
+    cell: float
+    first: int
+    end: int
+
+
+class ContinuedSurface(NamedTuple):
+    """The most probable continuation of a surface at H hole cells, row by row."""
+
+    height: NDArray[np.float64]
+    """(H,) NaN where no measured cell is in reach."""
+    probability: NDArray[np.float64]
+    """(H,) that the height is right to about a cell's edge; 0 where it is NaN."""
 
 
 class FilledField(NamedTuple):
@@ -235,6 +273,24 @@ class HoleFillingKernels(KernelFamily):
         out = np.empty(holes.field.shape), np.empty(holes.field.shape)
         return FilledField(*self._run("fill_holes", given, out, threads))
 
+    def continue_surface(
+        self, field: NDArray[np.floating], cell: float, *, rows: slice = slice(None)
+    ) -> ContinuedSurface:
+        """Return the most probable continuation of the measured surface at the hole cells in ``rows``.
+
+        From a cell a line goes in each of eight directions to the first measured cell, over `CONTINUED_CELLS` cells
+        at most. A plane through the cells of its surface around it predicts the cell's height, but none below both
+        the belt and the lowest end. Of the predictions the most probable one counts, by the logit of `LOGIT`. Heights
+        count in edges of a cell, so that the result does not depend on the scale.
+        """
+        values = _check_plane("field", field, np.shape(field))
+        if values.ndim != 2 or not values.size:
+            raise KernelError(f"field must have the shape (Ny, Nx), not {values.shape}")
+        first, end = _check_rows(rows, len(values))
+        given = ContinuationInput(values, _check_cell(cell), first, end)
+        count = int(np.count_nonzero(~np.isfinite(values[first:end])))
+        return ContinuedSurface(*self._run("continue_surface", given, (np.empty(count), np.empty(count)), 1))
+
 
 def _check_field(
     field: NDArray[np.floating],
@@ -253,12 +309,21 @@ def _check_field(
     if pinhole.shape != field.shape:
         raise KernelError(f"pinhole must have the shape {field.shape}, not {pinhole.shape}")
     ray_slope = _check_plane("ray_slope", ray_slope, (2, *field.shape))
+    return HoleField(field, pinhole, ray_slope, _check_cell(cell), *_check_rows(rows, len(field)))
+
+
+def _check_cell(cell: float) -> float:
     if not (np.isfinite(cell) and cell > 0):
         raise KernelError(f"cell must be positive, not {cell:g}")
-    first, end, step = rows.indices(len(field))
+    return float(cell)
+
+
+def _check_rows(rows: slice, count: int) -> tuple[int, int]:
+    """Return the first row and the end."""
+    first, end, step = rows.indices(count)
     if step != 1:
         raise KernelError(f"rows must be next to each other, not every {step}")
-    return HoleField(field, pinhole, ray_slope, float(cell), first, max(first, end))
+    return first, max(first, end)
 
 
 def _check_plane(name: str, plane: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -253,3 +253,66 @@ class NormalEquationsKernels(KernelFamily):
         )  # fmt: skip
         out = np.empty_like(s), np.empty_like(s), np.empty(s.shape, np.uint8)
         return NormalEquations(*self._run("normal_equations", given, out, threads))
+
+
+FIT_ROUNDS = 8
+"""Iterations of a shift's fit at most; Gauss-Newton from the best whole shift needs three to five."""
+FIT_SETTLED = 1e-4
+"""A shift's fit has converged where a round changes it by fewer cells."""
+FIT_REACH = 3.0
+"""A fit that moves farther than this from its start, cells, has diverged."""
+FIT_CELLS = 100
+"""Least number of cells in both fields: some blocks, so that the covariance can be estimated."""
+FIT_REWEIGHTINGS = 3
+"""Iterations of the weights within a round."""
+FIT_BIWEIGHT = 4.7
+"""Tukey's biweight ends at this multiple of the robust σ; as `core.statistics.TUKEY`, rounded."""
+FIT_CONDITION = 1e12
+"""Above this condition number the fields do not determine the shift."""
+FIT_SAMPLES = 8192
+"""Values at most of which a median is taken: every second, third … of more. A scale then scatters by 1 %."""
+
+
+class ShiftInput(NamedTuple):
+    """Checked input of `fit_shift`."""
+
+    before: NDArray[np.float64]
+    """(Ny, Nx)"""
+    after: NDArray[np.float64]
+    """(Ny, Nx)"""
+    start: int
+    side: int
+    """Edge of a block of cells whose errors are one, cells."""
+
+
+class FittedShift(NamedTuple):
+    """The shift between two fields."""
+
+    shift: NDArray[np.float64]
+    """(2,) along rows and along columns, cells; NaN where the fields do not determine it."""
+    variance: NDArray[np.float64]
+    """(1,) of the shift along rows."""
+
+
+class ShiftFitKernels(KernelFamily):
+    """Kernel of the displacement of a field of heights."""
+
+    def fit_shift(
+        self, before: NDArray[np.floating], after: NDArray[np.floating], start: int, *, side: int
+    ) -> FittedShift:
+        """Return the shift by which ``after`` shows the heights of ``before``, refined from ``start`` whole rows.
+
+        Both are (Ny, Nx), NaN where unknown. Each round displaces ``after``, interpolated bilinearly, and solves for
+        a further shift along rows and columns and a difference of height, by robust least squares (Tukey's biweight)
+        on the slopes of the fields' mean. The variance is a sandwich estimate over blocks of ``side`` cells, since
+        errors of neighbouring cells are correlated.
+        """
+        before, after = (np.ascontiguousarray(field, np.float64) for field in (before, after))
+        if before.ndim != 2 or min(before.shape) < 2:
+            raise KernelError(f"before must have the shape (Ny, Nx) of 2 and more, not {before.shape}")
+        if after.shape != before.shape:
+            raise KernelError(f"after must have the shape {before.shape}, not {after.shape}")
+        if side < 1:
+            raise KernelError(f"side must be at least 1 cell, not {side}")
+        given = ShiftInput(before, after, int(start), int(side))
+        return FittedShift(*self._run("fit_shift", given, (np.empty(2), np.empty(1)), 1))

@@ -25,6 +25,8 @@ from beltscape.service.view_models import (
     FlowAverage,
     FlowPoint,
     FrameStatistics,
+    Latency,
+    LatencyMeter,
     Picture,
     Snapshot,
     encode_thumbnail,
@@ -81,6 +83,8 @@ class LiveState:
         self._flow, self._belt = self._make_views(self.settings)
         self.durations = DurationHistogram()
         """Histogram of the processing times of frame sets."""
+        self.latency = LatencyMeter()
+        """From frame sets to their records."""
 
     def _make_views(self, settings: WebSettings) -> tuple[FlowAverage, SurfaceWindow]:
         flow = FlowAverage(settings.flow_window_s, monotonic_s=self._monotonic_s)
@@ -119,6 +123,7 @@ class LiveState:
                 event.capacity,
             )
             self.durations.add(event.seconds)
+            self.latency.add_frame(event.frames.frame, now_s - event.seconds)
             for name, image in islice(event.frames.images.items(), _CAMERAS):
                 self._images[name] = _CameraImage(event.frames.frame, wall_ns, image)
             self._append_point(wall_ns, now_s)
@@ -138,6 +143,10 @@ class LiveState:
         """Update records and totals; flow and chart by those records that they lack."""
         with self._lock:
             self._totals = totals
+            now_s = self._monotonic_s()
+            for record in records:
+                if record.strip is not None:
+                    self.latency.add_record(record.strip.frame, now_s)
             self._records.extend(records)
             self._add_to_flow(records)
 
@@ -146,6 +155,11 @@ class LiveState:
         self._flow.add([record for record in records if record.number > self._measured])
         self._measured = max(self._measured, *(record.number for record in records), 0)
         self._append_point(self._wall_ns(), self._monotonic_s())
+
+    def summarise_latency(self) -> Latency:
+        """Return how long records took from their frame sets to their publication."""
+        with self._lock:
+            return self.latency.summarise()
 
     def on_surface(self, stretch: BeltStretch) -> None:
         """Add a finished piece of the belt's surface."""

@@ -79,6 +79,7 @@ def run_plant(
             notify("STOPPING=1")
             unwritten = assembled.engine.stop()
     summary = _make_summary(project, options.data, totals_before, assembled.historian.totals, unwritten)
+    summary["latency"] = asdict(plant.live_state.summarise_latency())
     assembled.close()
     return summary
 

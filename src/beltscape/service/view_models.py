@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_left
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -280,6 +280,63 @@ class DurationHistogram:
     def compute_cumulative(self) -> tuple[tuple[int, ...], float]:
         """Return the counts up to each bound and in total, and the sum in seconds."""
         return tuple(accumulate(self._counts)), self._sum_s
+
+
+_RECENT_DELAYS = 4096
+"""Records of which the latency is stated: some minutes at the fastest rates."""
+_OPEN_FRAMES = 4096
+"""Frames without a record that are remembered; a belt at rest gives each frame its record at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """From the arrival of a frame set to its published record, over the last records; NaN before the first."""
+
+    records: int
+    """Records of which it is known, since the start."""
+    median_s: float
+    most_90_s: float
+    """Nine of ten records took no longer."""
+    most_99_s: float
+    """99 of 100."""
+    worst_s: float
+
+
+class LatencyMeter:
+    """Measures how long after its frame set a record is published: stored, and passed to page and protocols.
+
+    It includes the time until the belt has left the view and the holes behind it can be filled.
+    """
+
+    def __init__(self) -> None:
+        self.histogram = DurationHistogram()
+        self._arrivals_s: OrderedDict[str, float] = OrderedDict()
+        self._recent_s: deque[float] = deque(maxlen=_RECENT_DELAYS)
+        self._count = 0
+
+    def add_frame(self, frame: str, arrived_s: float) -> None:
+        """Note when a frame set arrived."""
+        self._arrivals_s[frame] = arrived_s
+        while len(self._arrivals_s) > _OPEN_FRAMES:
+            self._arrivals_s.popitem(last=False)
+
+    def add_record(self, frame: str, published_s: float) -> None:
+        """Note when the record of a frame was published; one whose frame set is not known has no latency."""
+        arrived_s = self._arrivals_s.pop(frame, None)
+        if arrived_s is not None:
+            self._count += 1
+            self._recent_s.append(published_s - arrived_s)
+            self.histogram.add(published_s - arrived_s)
+
+    def summarise(self) -> Latency:
+        """Return the distribution over the last records."""
+        recent = sorted(self._recent_s)
+        if not recent:
+            return Latency(0, nan, nan, nan, nan)
+        median, most_90, most_99 = (
+            recent[min(int(share * len(recent)), len(recent) - 1)] for share in (0.5, 0.9, 0.99)
+        )
+        return Latency(self._count, median, most_90, most_99, recent[-1])
 
 
 PICTURE_MEDIA_TYPE = "image/webp"

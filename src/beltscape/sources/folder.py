@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cached_property
@@ -19,9 +19,12 @@ from beltscape.files.exposures_csv import FILE as EXPOSURES
 from beltscape.files.exposures_csv import read_exposures
 from beltscape.files.images import read_image
 from beltscape.files.paths import summarise_names
+from beltscape.workers.processes import ProcessTask, open_process_pool
 
 _KEPT_BYTES = 256 << 20
 """Bytes of images that are kept between two passes: five frames of five cameras of 3 MP in colour."""
+_AHEAD = 2
+"""Frames that another process reads ahead."""
 _SIZED_IMAGES = 5
 """Images of a camera that are read to find their size where the first one has not that of the rig."""
 
@@ -86,6 +89,28 @@ class FolderSource:
         images = {name: self._image(name, frame) for name in self.cameras}
         return {name: image for name, image in images.items() if image is not None}
 
+    def read_ahead(self, frames: Iterable[str]) -> Iterator[dict[str, Image]]:
+        """Yield the images of frames as `images`, read by another process while this one does something else."""
+        waiting: deque[tuple[str, ProcessTask]] = deque()
+        with open_process_pool(_read_files, None, 1) as pool:
+            for frame in frames:
+                files = {name: (path, self._sizes_px[name]) for name, path in self.files(frame).items()}
+                waiting.append((frame, pool.submit(files, frame)))
+                if len(waiting) > _AHEAD:
+                    yield self._take(*waiting.popleft())
+            while waiting:
+                yield self._take(*waiting.popleft())
+
+    def _take(self, frame: str, task: ProcessTask) -> dict[str, Image]:
+        """Return the images that were read, with warnings of those that cannot be used."""
+        read: dict[str, Image | str] | None = task.result().value
+        if read is None:
+            return self.images(frame)
+        for image in read.values():
+            if isinstance(image, str):
+                self._reporter.warn(image)
+        return {name: image for name, image in read.items() if not isinstance(image, str)}
+
     def files(self, frame: str) -> dict[str, Path]:
         """Return the files of one frame's images by camera, whether they can be used or not."""
         found = {name: self._capture.files[name].get(frame) for name in self.cameras}
@@ -104,13 +129,26 @@ class FolderSource:
         path = self._capture.files[camera].get(frame)
         if path is None:
             return None
-        try:
-            image = read_image(path)
-            require_size(image, str(path), camera, self._sizes_px[camera])
-        except InputError as error:
-            self._reporter.warn(describe_lost_image(error))
+        image = _read_file(camera, path, self._sizes_px[camera])
+        if isinstance(image, str):
+            self._reporter.warn(image)
             return None
         return image
+
+
+def _read_files(shared: None, files: Mapping[str, tuple[Path, tuple[int, int]]]) -> dict[str, Image | str]:
+    """Return by camera the image of a file with its (width, height), or the warning of one that cannot be used."""
+    del shared
+    return {camera: _read_file(camera, *file) for camera, file in files.items()}
+
+
+def _read_file(camera: str, path: Path, size_px: tuple[int, int]) -> Image | str:
+    try:
+        image = read_image(path)
+        require_size(image, str(path), camera, size_px)
+    except InputError as error:
+        return describe_lost_image(error)
+    return image
 
 
 def scale_rig_to_capture(rig: Rig, folder: Path, reporter: Reporter) -> Rig:

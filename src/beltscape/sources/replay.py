@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from time import monotonic, monotonic_ns
 
 from beltscape.core.events import CameraHealth, CameraState
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.translatable_message import make_message
 from beltscape.sources.folder import FolderSource
 
@@ -40,8 +41,13 @@ class ReplaySource:
         *,
         paced: bool = True,
         loop: bool = False,
+        reads_ahead: bool = False,
     ) -> None:
-        """``frame_times`` in the order of time; a frame without images gives a frame set without images."""
+        """``frame_times`` in the order of time; a frame without images gives a frame set without images.
+
+        ``reads_ahead``: another process reads the images before their time.
+        """
+        self._reads_ahead = reads_ahead
         self._folder, self._frame_times, self._paced, self._loop = folder, tuple(frame_times), paced, loop
         self._closed = threading.Event()
         self._taken: dict[str, int] = dict.fromkeys(folder.cameras, 0)
@@ -55,20 +61,23 @@ class ReplaySource:
 
     def __iter__(self) -> Iterator[FrameSet]:
         start, first = monotonic_ns(), self._frame_times[0].time_ns
-        rounds = 0
-        while not self._closed.is_set():
-            for frame_time in self._frame_times:
-                replayed = self._shift_to_round(frame_time, rounds)
-                if self._paced and self._closed.wait(
-                    max(0, start + replayed.time_ns - first - monotonic_ns()) * 1e-9
-                ):
-                    return
-                if self._closed.is_set():
-                    return
-                yield self._frames(frame_time, replayed)
-            rounds += 1
-            if not self._loop:
+        names = (frame_time.frame for frame_time, _ in self._list_rounds())
+        images = self._folder.read_ahead(names) if self._reads_ahead else map(self._folder.images, names)
+        for (frame_time, rounds), read in zip(self._list_rounds(), images, strict=False):
+            replayed = self._shift_to_round(frame_time, rounds)
+            if self._paced and self._closed.wait(
+                max(0, start + replayed.time_ns - first - monotonic_ns()) * 1e-9
+            ):
                 return
+            if self._closed.is_set():
+                return
+            yield self._frames(frame_time, replayed, read)
+
+    def _list_rounds(self) -> Iterator[tuple[FrameTime, int]]:
+        """Yield the frames with the number of their round."""
+        for rounds in count() if self._loop else (0,):
+            for frame_time in self._frame_times:
+                yield frame_time, rounds
 
     def health(self) -> Mapping[str, CameraHealth]:
         """Return the state of every camera, by the images that the recording has."""
@@ -97,8 +106,7 @@ class ReplaySource:
             position += factor * (last.position_mm - first.position_mm)
         return FrameTime(f"{frame_time.frame}-{rounds}", time, position)
 
-    def _frames(self, frame_time: FrameTime, replayed: FrameTime) -> FrameSet:
-        images = self._folder.images(frame_time.frame)
+    def _frames(self, frame_time: FrameTime, replayed: FrameTime, images: Mapping[str, Image]) -> FrameSet:
         for name in self.cameras:
             counts = self._taken if name in images else self._missed
             counts[name] += 1

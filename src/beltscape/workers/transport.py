@@ -6,12 +6,15 @@ that both processes have mapped. A block of memory serves one direction and one 
 
 from __future__ import annotations
 
+import hashlib
 import mmap
 import os
 import pickle
 import struct
+from collections import OrderedDict
 from collections.abc import Sequence
-from typing import IO, Any
+from functools import cached_property
+from typing import IO, Any, Generic, TypeVar
 
 _LENGTH = struct.Struct("<Q")
 """Before every message on a pipe: its length in bytes."""
@@ -95,3 +98,42 @@ def _read(pipe: IO[bytes], size: int) -> bytes:
     if len(data) < size:
         raise EOFError("the other process has ended")
     return data
+
+
+Value = TypeVar("Value")
+_KEPT = 16
+"""Shared objects that a process keeps unpacked: a measurement has four, and another one may follow it."""
+_unpacked: OrderedDict[bytes, SharedObject[Any]] = OrderedDict()
+"""The shared objects that other processes sent to this one, by digest; the last one used stands last."""
+
+
+class SharedObject(Generic[Value]):
+    """An object that is part of many tasks: pickled once here, unpickled once in each process that receives it.
+
+    Of shared objects with the same content a process receives the same object, so that `is` compares them there.
+    """
+
+    def __init__(self, value: Value) -> None:
+        self.value = value
+        """The object, which must not change."""
+
+    @cached_property
+    def _content(self) -> tuple[bytes, bytes]:
+        """Return the digest and the pickle of the object."""
+        data = pickle.dumps(self.value, protocol=5)
+        return hashlib.blake2b(data, digest_size=16).digest(), data
+
+    def __reduce__(self) -> tuple[Any, tuple[bytes, bytes]]:
+        return _receive_shared, self._content
+
+
+def _receive_shared(digest: bytes, data: bytes) -> SharedObject[Any]:
+    """Return the shared object with this digest."""
+    shared = _unpacked.pop(digest, None)
+    if shared is None:
+        shared = SharedObject(pickle.loads(data))
+        shared.__dict__["_content"] = digest, data  # where it is sent on
+    _unpacked[digest] = shared
+    while len(_unpacked) > _KEPT:
+        _unpacked.popitem(last=False)
+    return shared

@@ -42,6 +42,5 @@ def test_doubtful_bridges_do_not_raise_the_total() -> None:
 def test_a_frame_without_a_trusted_pixel_measures_nothing() -> None:
     depth = depth_map(HEAP, 500.0)
     doubtful = replace(depth, confidence=np.full(depth.depth_mm.shape, 0.6, np.float32))
-    layer = make_empty_belt().layer(doubtful, 500.0, 1)
-    assert not np.isfinite(layer.height_mm).any()
-    assert np.isfinite(make_empty_belt().layer(depth, 500.0, 1).height_mm).mean() > 0.9
+    assert not np.isfinite(make_empty_belt().measure_load(doubtful).height_mm).any()
+    assert np.isfinite(make_empty_belt().measure_load(depth).height_mm).mean() > 0.9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +22,7 @@ from beltscape.health.images.surface_samples import SurfaceGrid, SurfaceSamples
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.workers.transport import SharedObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,9 +33,9 @@ class SampleRequest:
     """Whether the synchronisation is checked."""
     belt: bool
     """Whether the projector is."""
-    pattern: LearnedPattern | None
+    pattern: SharedObject[LearnedPattern | None]
     """The learned pattern of the projector; None: it is being learned."""
-    reference: EmptyBeltReference
+    reference: SharedObject[EmptyBeltReference]
     """The learned empty belt."""
 
 
@@ -53,20 +53,18 @@ class BeltImageSampler:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._grid = SurfaceGrid(rig)
-        self._belt: tuple[bytes, BareBeltSampler] | None = None
+        self._belt: tuple[EmptyBeltReference, BareBeltSampler] | None = None
 
     def sample(self, frames: FrameSet, depth: DepthMap, request: SampleRequest) -> BeltImageSamples:
         """Return what is requested of a frame."""
         view, belt = self._grid.view(frames, depth), None
         if request.belt:
-            belt = self._choose_sampler(request.reference).sample(view, request.pattern)
+            belt = self._choose_sampler(request.reference.value).sample(view, request.pattern.value)
         return BeltImageSamples(view.sample_surface(self._rig.cameras) if request.surface else None, belt)
 
     def _choose_sampler(self, reference: EmptyBeltReference) -> BareBeltSampler:
-        """Return the sampler of this empty belt, which other processes send anew with every request."""
-        key = pickle.dumps(reference)
-        if self._belt is None or self._belt[0] != key:
-            self._belt = key, BareBeltSampler(self._rig, reference, self._grid)
+        if self._belt is None or self._belt[0] is not reference:
+            self._belt = reference, BareBeltSampler(self._rig, reference, self._grid)
         return self._belt[1]
 
 
@@ -82,7 +80,9 @@ class BeltImageMonitor:
         keep_pattern: Callable[[LearnedPattern], None] | None = None,
     ) -> None:
         """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
-        self._rig, self._reference, self._settings = rig, reference, settings
+        self._rig, self._settings = rig, settings
+        self._reference = SharedObject(reference)
+        self._pattern: SharedObject[LearnedPattern | None] = SharedObject(pattern)
         self._grid = SurfaceGrid(rig)
         self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, self._grid)
         self._synchronisation = SynchronisationMonitor(rig, settings, self._grid)
@@ -101,7 +101,9 @@ class BeltImageMonitor:
         surface, belt = self._synchronisation.expects(frames, ahead), self._projector.expects(frames)
         if not (surface or belt):
             return None
-        return SampleRequest(surface, belt, self._projector.learned, self._reference)
+        if self._pattern.value is not self._projector.learned:
+            self._pattern = SharedObject(self._projector.learned)
+        return SampleRequest(surface, belt, self._pattern, self._reference)
 
     def adopt(
         self, frames: FrameSet, depth: DepthMap, request: SampleRequest, samples: BeltImageSamples
@@ -111,7 +113,9 @@ class BeltImageMonitor:
             self._grid.keep(frames, depth, samples.surface)
         belt = samples.belt
         names = tuple(name for name in self._rig.cameras if name in frames.images)
-        holds = belt is not None and request.pattern is self._projector.learned and belt.cameras == names
+        holds = (
+            belt is not None and request.pattern.value is self._projector.learned and belt.cameras == names
+        )
         return belt if holds else None
 
     def check_projector(

@@ -1,8 +1,9 @@
 """The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it.
 
 The modules have the names of the families: `geometry`, `images`, `sweep`, `least_squares`, `selection`,
-`networks`, `holes`. `view` projects pixels into an auxiliary for them; the reference of the holes has its lines in
-`hole_rims`, its features in `hole_features` and statistics of windows in `windows`.
+`networks`, `holes`. `view` projects pixels into an auxiliary for them; `shift_fit` is of least squares, too. The
+reference of the holes has its lines in `hole_rims`, its features in `hole_features`, the continuation in
+`hole_continuation` and statistics of windows in `windows`.
 """
 
 from __future__ import annotations
@@ -12,9 +13,18 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference import geometry, holes, images, least_squares, networks, selection, sweep
+from beltscape.kernels.reference import (
+    geometry,
+    holes,
+    images,
+    least_squares,
+    networks,
+    selection,
+    shift_fit,
+    sweep,
+)
 
-_FAMILIES = (geometry, holes, images, least_squares, networks, selection, sweep)
+_FAMILIES = (geometry, holes, images, least_squares, shift_fit, networks, selection, sweep)
 
 
 class ReferenceBackend:

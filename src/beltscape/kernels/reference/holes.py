@@ -10,8 +10,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.kernels.arrays import CellIndices
-from beltscape.kernels.holes import HOLE_FEATURES, LOG_VARIANCE, RATIOS, WINDOWS, HoleField, HolesInput
+from beltscape.kernels.holes import (
+    HOLE_FEATURES,
+    LOG_VARIANCE,
+    RATIOS,
+    WINDOWS,
+    ContinuationInput,
+    HoleField,
+    HolesInput,
+)
 from beltscape.kernels.networks import NetworkInput
+from beltscape.kernels.reference import hole_continuation
 from beltscape.kernels.reference.hole_features import compute_features, measure_neighbourhood
 from beltscape.kernels.reference.hole_rims import (
     RimProfiles,
@@ -50,6 +59,11 @@ def hole_inputs(given: HoleField) -> tuple[NDArray[np.float64], NDArray[np.float
     inputs = _SharedField.of(given).compute_inputs(_find_holes(given))
     features = [inputs.features[name] for name in HOLE_FEATURES]
     return np.stack(features), inputs.surface.base_mm, inputs.surface.scale_mm
+
+
+def continue_surface(given: ContinuationInput) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return heights and probabilities (H,)."""
+    return hole_continuation.continue_surface(given)
 
 
 def fill_holes(given: HolesInput) -> Filled:

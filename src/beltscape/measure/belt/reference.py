@@ -6,6 +6,7 @@ A layer is the load of one frame over it, on the grid that moves with the belt.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.surface import Grid, ReliablePixels
+from beltscape.measure.surface import Grid
 from beltscape.measure.volume.load import Load, compute_load, find_reliable_pixels
 
 
@@ -67,6 +68,20 @@ class Layer:
             self.ray_slope[part],
             frame=self.frame,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredLoad:
+    """The load of one frame on the static grid of the view, y ascending."""
+
+    height_mm: NDArray[np.float32]
+    """(Ny, Nx) load over the empty belt; NaN where not measured."""
+    sigma_mm: NDArray[np.float32]
+    """(Ny, Nx) σ of ``height_mm``."""
+    noise_mm: NDArray[np.float32]
+    """(Ny, Nx) the part of σ that neighbouring cells share."""
+    share: NDArray[np.float64]
+    """(Ny,) share of each row that was measured, the pinholes between neighbouring points included."""
 
 
 Range = tuple[float, float]
@@ -129,40 +144,35 @@ class EmptyBeltReference:
             / min(float(learned.focal_px.mean()), float(self.camera.focal_px.mean()))
         )
 
-    def find_reliable_pixels(self, depth: DepthMap) -> ReliablePixels:
-        """Return the pixels of a depth map by which `layer` measures: reliable ones of sufficient confidence."""
-        return find_reliable_pixels(_confident(depth), self.camera, self.belt)
+    def measure_load(self, depth: DepthMap) -> MeasuredLoad:
+        """Return a frame's load on the static grid, by reliable pixels of sufficient confidence.
 
-    def layer(
-        self,
-        depth: DepthMap,
-        position_mm: float,
-        direction: int,
-        blur_mm: float = 0.0,
-        reliable: ReliablePixels | None = None,
-    ) -> Layer:
-        """Return a frame's load in belt coordinates, s = position - direction · y (direction: +1 or -1).
-
-        ``blur_mm`` is one standard deviation of the position; a less certain position reduces the weight in fusion.
-        ``reliable`` is the result of `find_reliable_pixels`, where it is known.
+        It depends on the frame alone, wherever the belt is; `place` puts it on the belt.
         """
-        cell = self.cell_mm
-        low, high = sorted(position_mm - direction * y for y in self.seen_mm)
-        first, last = int(np.ceil(low / cell)), int(np.floor(high / cell))
-        start = min(direction * (position_mm - row * cell) for row in (first, last))
-        grid = Grid((self.grid.origin_mm[0], start), cell, (last - first + 1, self.grid.shape[1]))
-        reliable = reliable or self.find_reliable_pixels(depth)
-        load = compute_load(depth, self.camera, self.belt, grid, reliable)
-        worse = 1 + blur_mm / cell
+        reliable = find_reliable_pixels(_confident(depth), self.camera, self.belt)
+        load = compute_load(depth, self.camera, self.belt, self.grid, reliable)
         whole = self._top_in_view(load)
-        planes = (load.height_mm, worse * load.sigma_mm, worse * load.noise_mm)
-        parts = tuple(np.where(whole, plane, np.nan) for plane in planes)
-        height, sigma, noise = (part[::-direction].astype(np.float32) for part in parts)
-        # the rays' slope along the belt is constant across, except for the belt's shape
-        ray_slope = -direction * load.ray_slope[1].mean(axis=1)[::-direction]
-        return Layer(
-            first, height, sigma, noise, (load.measured & whole)[::-direction].mean(axis=1), ray_slope
+        planes = (load.height_mm, load.sigma_mm, load.noise_mm)
+        height, sigma, noise = (np.where(whole, plane, np.nan).astype(np.float32) for plane in planes)
+        return MeasuredLoad(height, sigma, noise, (load.measured & whole).mean(axis=1))
+
+    def place(self, load: MeasuredLoad, position_mm: float, direction: int, blur_mm: float = 0.0) -> Layer:
+        """Return a load at a position of the belt: s = position - direction · y (direction: +1 or -1).
+
+        Between two rows of the static grid it is interpolated; beside an unmeasured cell the nearer row counts.
+        ``blur_mm`` is one standard deviation of the position; a less certain position reduces the weight in fusion.
+        """
+        cell, (_, start) = self.cell_mm, self.grid.origin_mm
+        end = start + cell * (self.grid.shape[0] - 1)
+        low = (position_mm - direction * (end if direction > 0 else start)) / cell
+        first, turn = int(np.ceil(low)), slice(None, None, -direction)
+        height, sigma, noise = (
+            _interpolate_rows(plane[turn], first - low)
+            for plane in (load.height_mm, load.sigma_mm, load.noise_mm)
         )
+        worse = np.float32(1 + blur_mm / cell)
+        share, ray_slope = load.share[turn][:-1], -direction * _mean_ray_slope(self)[turn][:-1]
+        return Layer(first, height, worse * sigma, worse * noise, share, ray_slope)
 
     def coarse(self, depth: DepthMap, times: int) -> NDArray[np.float64]:
         """Return the load (n, m) on the static grid with cells and pixels ``times`` coarser, for registration."""
@@ -214,6 +224,22 @@ class EmptyBeltReference:
         """Return the rays' slope (Nx,) in x, at the belt's height."""
         eye = self.belt.belt_from_core.translation_mm
         return (self.grid.x_mm - eye[0]) / np.maximum(eye[2] - self.belt.height_mm(self.grid.x_mm), 1.0)
+
+
+def _interpolate_rows(plane: NDArray[np.float32], part: float) -> NDArray[np.float32]:
+    """Return (n - 1, m) values between the rows of a plane (n, m), at this part of the way to the next row."""
+    before, after = plane[:-1], plane[1:]
+    values = np.asarray(before + np.float32(part) * (after - before), np.float32)
+    np.copyto(values, before if part < 0.5 else after, where=np.isnan(values))
+    return values
+
+
+@lru_cache(maxsize=2)
+def _mean_ray_slope(reference: EmptyBeltReference) -> NDArray[np.float64]:
+    """Return the rays' slope (Ny,) in y, which is constant across, except for the belt's shape."""
+    eye, grid = reference.belt.belt_from_core.translation_mm, reference.grid
+    reach = np.maximum(eye[2] - reference.belt.surface_mm(grid.x_mm, grid.y_mm), 1.0)
+    return ((grid.y_mm[:, None] - eye[1]) / reach).mean(axis=1)
 
 
 def make_reference(belt: Belt, camera: Camera, cell_mm: float | None = None) -> EmptyBeltReference:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, worst_effect
+from beltscape.measure.belt.reference import MeasuredLoad
 from beltscape.measure.flow.belt_motion import LEAST_RATIO, MAX_DISAGREEMENT, BeltPosition
 from beltscape.measure.flow.encoder_check import Contradiction
 from beltscape.measure.flow.registration import HighPassHeights, Shift
-from beltscape.measure.surface import ReliablePixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,8 +44,8 @@ class PushedFrame:
     """Number of the frame since the start."""
     findings: list[Finding] = field(default_factory=list)
     """The findings that concern it; those of later frames are added while it waits."""
-    reliable: ReliablePixels | None = None
-    """The pixels by which is measured; None: not known yet."""
+    load: MeasuredLoad | None = None
+    """What is added to the belt; None for a frame without a depth map."""
 
     @property
     def is_measured(self) -> bool:

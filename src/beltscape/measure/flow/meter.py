@@ -11,7 +11,7 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.ledger import FlowRecord
-from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.belt.reference import EmptyBeltReference, MeasuredLoad
 from beltscape.measure.flow.belt_motion import BeltMotion, EncoderScale
 from beltscape.measure.flow.density import Density, make_unknown_density
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
@@ -26,7 +26,6 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
 from beltscape.measure.flow.travel_direction import TravelDirectionCheck
-from beltscape.measure.surface import ReliablePixels
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -42,15 +41,15 @@ class PreparedDepth:
 
     high_pass: HighPassHeights
     """By which the material is registered."""
-    reliable: ReliablePixels
-    """By which it is measured."""
+    load: MeasuredLoad
+    """What the belt carries in its view."""
 
 
 def prepare_depth(depth: DepthMap, reference: EmptyBeltReference) -> PreparedDepth:
     """Return what the meter needs of a depth map wherever the belt is; another process may have computed it."""
     height, cell_mm = reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm
     high_pass = compute_high_pass(height, cell_mm, reference.belt.noise_mm)
-    return PreparedDepth(high_pass, reference.find_reliable_pixels(depth))
+    return PreparedDepth(high_pass, reference.measure_load(depth))
 
 
 class BeltFlowMeter:
@@ -186,7 +185,7 @@ class BeltFlowMeter:
             whole,
             self._count,
             list(findings),
-            None if prepared is None else prepared.reliable,
+            None if prepared is None else prepared.load,
         )
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
@@ -244,10 +243,9 @@ class BeltFlowMeter:
         if location.is_stalled and location.finding is not None:
             frame.findings.append(location.finding)
             self._tracker.update_key(frame, location)
-        if frame.depth is not None and frame.is_measured:
+        if frame.load is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
-            direction, reliable = self._tracker.direction, frame.reliable
-            layer = self.reference.layer(frame.depth, place.position_mm, direction, blur, reliable)
+            layer = self.reference.place(frame.load, place.position_mm, self._tracker.direction, blur)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._tracker.update_key(frame, location)
             self._leave_out_foreign_objects(frame, location)

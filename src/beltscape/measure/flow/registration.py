@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.kernels import load
 
 _SMOOTH_MM = 20.0
 """Gaussian σ of the low-pass that is subtracted: broader hills do not determine a position sharply."""
@@ -92,24 +92,10 @@ _NEXT_MM = 25.0
 """Shifts nearer than this to the best one belong to the same peak: about the size of the high-pass, 20 mm."""
 _BLOCK_MM = 30.0
 """Errors of different blocks of this size count as independent: beyond the windows of matching on the belt."""
-_ROUNDS = 8
-"""Iterations of the subcell fit at most; Gauss-Newton from the best whole shift needs three to five."""
-_SETTLED_CELLS = 1e-4
-"""The fit has converged if the shift changes by less: a hundredth of `_LEAST_SIGMA_CELLS`."""
-_WORST_CONDITION = 1e12
-"""Above this condition number the heights do not determine the shift."""
 _LEAST_COMMON = 0.004
 """Least share of the grid that is load in both frames, for a correlation. Chosen."""
 _NEAR_SHARE = 0.1
 """Relative difference of a shift from the predicted motion up to which they agree. Chosen."""
-_TUKEY = 4.7
-"""Tukey's biweight ends at this multiple of the robust σ; as `core.statistics.TUKEY`, rounded."""
-_REWEIGHTINGS = 3
-"""Iterations of the weights within a step of the fit, which is itself repeated."""
-_LEAST_CELLS = 100
-"""Least number of cells in both frames: some blocks, so that σ can be estimated."""
-_FARTHEST_CELLS = 3.0
-"""A fit that moves farther than this from the best whole shift has diverged."""
 _LEAST_SIGMA_CELLS = 0.01
 """Lower limit of σ: the interpolation between cells."""
 _LOCKING_CELLS = 0.01
@@ -248,96 +234,16 @@ def _compute_tolerance_mm(near_mm: float) -> float:
 def _refine(
     before: HighPassHeights, after: HighPassHeights, shift: int, score: float, clear: bool
 ) -> Shift | None:
-    """Refine a shift by robust least squares (Tukey) on the heights, warped again in each iteration.
+    """Refine a shift by robust least squares on the heights (kernels/least_squares.py).
 
     The high-pass heights are not used, because occlusion beside rocks changes with their position, and with it the
-    mean around each cell. σ is a sandwich estimate over blocks, since errors of neighbouring cells are correlated.
+    mean around each cell.
     """
-    a, step = before.height_mm, np.array([float(shift), 0.0])
-    cell, covariance = before.cell_mm, np.eye(3)
-    for _ in range(_ROUNDS):
-        warped = _warp(after.height_mm, step)
-        slopes = np.gradient(0.5 * (a + warped))
-        both = np.isfinite(slopes[0]) & np.isfinite(slopes[1]) & np.isfinite(warped - a)
-        if both.sum() < _LEAST_CELLS:
-            return None
-        design = np.stack([slopes[0][both], slopes[1][both], np.ones(int(both.sum()))])
-        solved = _solve_robustly(design, (warped - a)[both])
-        if solved is None:
-            return None
-        step = step + solved.change[:2]
-        if np.hypot(step[0] - shift, step[1]) > _FARTHEST_CELLS:
-            return None
-        covariance = _estimate_covariance(
-            design, solved.pulls, solved.normal, both, max(1, round(_BLOCK_MM / cell))
-        )
-        if np.abs(solved.change[:2]).max() < _SETTLED_CELLS:
-            break
-    sigma = cell * float(np.hypot(np.sqrt(covariance[0, 0]), _LEAST_SIGMA_CELLS))
-    common = _LOCKING_CELLS * cell
-    return Shift(float(step[0]) * cell, sigma, float(step[1]) * cell, score, clear, common_mm=common)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solution:
-    """The solution of one robust least-squares problem."""
-
-    change: NDArray[np.float64]
-    """(3,) change of the motion along and across, in cells, and of the height, mm."""
-    pulls: NDArray[np.float64]
-    """(N,) weighted residuals."""
-    normal: NDArray[np.float64]
-    """(3, 3) normal matrix."""
-
-
-def _solve_robustly(design: NDArray[np.float64], residual: NDArray[np.float64]) -> _Solution | None:
-    """Solve robust least squares of design (3, N) on residuals (N,), mm; None if the problem is singular."""
-    solved: _Solution | None = None
-    left = residual - np.median(residual)
-    for _ in range(_REWEIGHTINGS):
-        reach = _TUKEY * MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
-        weight = np.clip(1 - (left / reach) ** 2, 0, None) ** 2
-        normal = (design * weight) @ design.T
-        if np.linalg.cond(normal) > _WORST_CONDITION:
-            return None
-        change = -cast("NDArray[np.float64]", np.linalg.solve(normal, (design * weight) @ residual))
-        left = residual + change @ design
-        solved = _Solution(change, weight * left, normal)
-    return solved
-
-
-def _warp(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values (Ny, Nx) at (i + step[0], j + step[1]), interpolated bilinearly; NaN next to unknown cells."""
-    for axis in (0, 1):
-        whole = int(np.floor(step[axis]))
-        part = step[axis] - whole
-        values = (1 - part) * _shift_cells(values, whole, axis) + part * _shift_cells(values, whole + 1, axis)
-    return values
-
-
-def _shift_cells(values: NDArray[np.float64], cells: int, axis: int) -> NDArray[np.float64]:
-    """Return values displaced by whole cells along an axis; NaN from outside."""
-    size: int = values.shape[axis]
-    places = np.arange(size) + cells
-    out = np.take(values, np.clip(places, 0, size - 1), axis=axis)
-    lost = (places < 0) | (places >= size)
-    if axis == 0:
-        out[lost] = np.nan
-    else:
-        out[:, lost] = np.nan
-    return out
-
-
-def _estimate_covariance(
-    design: NDArray[np.float64],
-    pulls: NDArray[np.float64],
-    normal: NDArray[np.float64],
-    cells: NDArray[np.bool_],
-    side: int,
-) -> NDArray[np.float64]:
-    """Return the covariance (3, 3) of the estimate from the score of each block of cells."""
-    row, column = np.nonzero(cells)
-    block = (row // side) * (cells.shape[1] // side + 1) + column // side
-    sums = np.stack([np.bincount(block, part * pulls) for part in design])
-    inverse = np.linalg.inv(normal)
-    return inverse @ (sums @ sums.T) @ inverse
+    cell = before.cell_mm
+    side = max(1, round(_BLOCK_MM / cell))
+    fitted = load().fit_shift(before.height_mm, after.height_mm, shift, side=side)
+    along, across = (float(part) * cell for part in fitted.shift)
+    if not np.isfinite(along):
+        return None
+    sigma = cell * float(np.hypot(np.sqrt(fitted.variance[0]), _LEAST_SIGMA_CELLS))
+    return Shift(along, sigma, across, score, clear, common_mm=_LOCKING_CELLS * cell)

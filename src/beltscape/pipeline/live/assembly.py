@@ -35,7 +35,7 @@ from beltscape.pipeline.live.project import Project, RunSettings, read_alarm_tex
 from beltscape.pipeline.live.reporting import DeduplicatingReporter
 from beltscape.pipeline.live.writer import CsvTable, make_record_writer, notify_records
 from beltscape.pipeline.measuring.instants import Instant, list_instants
-from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, open_live_workers
+from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, count_workers, open_live_workers
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian, LedgerEnd
 from beltscape.sinks.recorder import Recorder
@@ -253,7 +253,13 @@ def open_source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, 
     table = folder.folder / "encoder.csv" if settings.encoder.kind == "capture" else None
     instants = list_instants(folder, table, settings.capture.frames_per_s, reporter)
     frame_times = [_frame_time(project, instant) for instant in instants]
-    return ReplaySource(folder, frame_times, paced=paced, loop=settings.capture.loop)
+    return ReplaySource(
+        folder,
+        frame_times,
+        paced=paced,
+        loop=settings.capture.loop,
+        reads_ahead=count_workers(settings.matching.workers) > 0,
+    )
 
 
 def _frame_time(project: Project[RunSettings], instant: Instant) -> FrameTime:

@@ -34,6 +34,7 @@ from beltscape.pipeline.measuring.flow_chain import FlowChain
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import MeasurementRequest
 from beltscape.pipeline.reconstructing.match_ahead import Submit
+from beltscape.workers.transport import SharedObject
 
 _SECTION_CELL_MM = 5.0
 """Approximate column width of a stored cross-section."""
@@ -182,7 +183,7 @@ class MeasurementRun:
         resized, empty_belt = self._resize(frames), self.context.empty_belt
         if self._chain is None:
             limits = self.context.belt_limits or BeltLimits()
-            return submit(resized, MeasurementRequest(empty_belt, limits, None, ahead))
+            return submit(resized, MeasurementRequest(SharedObject(empty_belt), limits, None, ahead))
         return submit(resized, self._chain.expect(resized, ahead, empty_belt))
 
     def push(

@@ -30,6 +30,7 @@ from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
+from beltscape.workers.transport import SharedObject
 
 _OTHER_RAD = 1.5e-3
 """Another rig: 1 px at 600 px of focal length; calibrations of one rig differ by a tenth of it."""
@@ -146,6 +147,8 @@ class FlowChain:
         ``images`` checks the images against the measured surface and motion; None: they are not checked.
         """
         self.meter: BeltFlowMeter = meter
+        self._reference = SharedObject(meter.reference)
+        """The empty belt of the next requests."""
         self.done = 0
         """Number of frame sets that were reconstructed."""
         self.failure: ReconstructionError | None = None
@@ -203,11 +206,13 @@ class FlowChain:
         samples = None
         if self._images is not None:
             samples = self._images.expect(frames, ahead + (self._waiting is not None))
-        return MeasurementRequest(reference, self._belt.limits, samples, ahead)
+        if self._reference.value is not reference:
+            self._reference = SharedObject(reference)
+        return MeasurementRequest(self._reference, self._belt.limits, samples, ahead)
 
     def _get_known(self, one: _MatchedFrame) -> FrameMeasurements | None:
         """Return what was measured of a frame against the present empty belt."""
-        if one.measurements is None or one.measurements[0].reference is not self.meter.reference:
+        if one.measurements is None or one.measurements[0].reference.value is not self.meter.reference:
             return None
         return one.measurements[1]
 

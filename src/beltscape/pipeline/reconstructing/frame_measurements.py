@@ -28,6 +28,7 @@ from beltscape.measure.flow.meter import PreparedDepth, prepare_depth
 from beltscape.stereo.consistency.check import ResidualAccumulator, check_consistency
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
+from beltscape.workers.transport import SharedObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +72,8 @@ class CamerasAhead:
 class MeasurementRequest:
     """What to measure in a frame."""
 
-    reference: EmptyBeltReference
+    reference: SharedObject[EmptyBeltReference]
+    """What the frame is measured against."""
     limits: BeltLimits
     samples: SampleRequest | None
     """What to sample of the images; None: nothing."""
@@ -104,7 +106,7 @@ class FrameMeasurer:
 
     def measure(self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest) -> FrameMeasurements:
         """Return what is requested of a frame with its depth."""
-        reference, limits = request.reference, request.limits
+        reference, limits = request.reference.value, request.limits
         return FrameMeasurements(
             prepare_depth(depth, reference),
             measure_bare_belt(depth, reference, limits) if limits.enabled else None,

@@ -41,6 +41,7 @@ from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
 from beltscape.workers.options import WorkerOptions
 from beltscape.workers.processes import ProcessPool
 from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
+from beltscape.workers.transport import SharedObject
 
 _MOST_FRAMES = 2
 """Frames that are matched side by side. The steps between the kernels run on one thread, so one frame keeps two cores
@@ -144,7 +145,7 @@ class MatchParameters:
 class MatchTask:
     """A frame to match."""
 
-    parameters: MatchParameters
+    parameters: SharedObject[MatchParameters]
     """Those of its reconstruction."""
     auxiliaries: tuple[str, ...]
     """The matcher's auxiliaries."""
@@ -171,10 +172,11 @@ def match_frame(shared: None, task: MatchTask) -> MeasuredDepth | None:
         if images is None:
             return None
         frame_set = replace(frame_set, images=images)
-    depth = _get_matcher(task.parameters, task.auxiliaries).reconstruct(frame_set, Silent())
+    parameters = task.parameters.value
+    depth = _get_matcher(parameters, task.auxiliaries).reconstruct(frame_set, Silent())
     if task.request is None:
         return MeasuredDepth(depth)
-    measurer = _get_measurer(task.parameters)
+    measurer = _get_measurer(parameters)
     return MeasuredDepth(depth, measurer.measure(frame_set, depth, task.request))
 
 
@@ -250,7 +252,7 @@ class MatchWorkers:
     ) -> None:
         """``files`` returns the files of a frame's images by camera, which workers read unless they are sent."""
         self._pool, self._files, self._reporter = pool, files, reporter
-        self._parameters = MatchParameters(uuid4().hex, make_matcher)
+        self._parameters = SharedObject(MatchParameters(uuid4().hex, make_matcher))
         self._sends_images = sends_images
 
     def count_frames_ahead(self, size_px: tuple[int, int], cameras: int) -> int:

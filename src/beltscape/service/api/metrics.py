@@ -19,7 +19,7 @@ from beltscape.core.events import CameraState
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, describe_refusals
 from beltscape.service.live_state import LiveState
-from beltscape.service.view_models import DURATION_BOUNDS_S, Snapshot
+from beltscape.service.view_models import DURATION_BOUNDS_S, DurationHistogram, Snapshot
 
 MEDIA_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 _Labels = Mapping[str, str]
@@ -120,12 +120,6 @@ def _list_totals(snapshot: Snapshot) -> list[Metric]:
 
 def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Metric]:
     frames = snapshot.frames
-    counts, seconds = live_state.durations.compute_cumulative()
-    buckets = [
-        (f"{bound:g}" if isfinite(bound) else "+Inf", float(n))
-        for bound, n in zip((*DURATION_BOUNDS_S, inf), counts, strict=True)
-    ]
-    help_text = "From the last image's arrival to its measurement."
     return [
         _make_counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
         _make_counter(
@@ -150,8 +144,24 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Metric]:
         _make_gauge(
             "frame_age_seconds", "Since the last frame set; +Inf before the first.", snapshot.frame_age_s
         ),
-        HistogramMetricFamily("beltscape_processing_seconds", help_text, buckets, seconds),
+        _make_histogram(
+            "processing_seconds", "From the last image's arrival to its measurement.", live_state.durations
+        ),
+        _make_histogram(
+            "record_latency_seconds",
+            "From the last image's arrival to its record being stored and passed on.",
+            live_state.latency.histogram,
+        ),
     ]
+
+
+def _make_histogram(name: str, help_text: str, histogram: DurationHistogram) -> Metric:
+    counts, seconds = histogram.compute_cumulative()
+    buckets = [
+        (f"{bound:g}" if isfinite(bound) else "+Inf", float(n))
+        for bound, n in zip((*DURATION_BOUNDS_S, inf), counts, strict=True)
+    ]
+    return HistogramMetricFamily(f"beltscape_{name}", help_text, buckets, seconds)
 
 
 def _list_cameras(snapshot: Snapshot) -> list[Metric]:

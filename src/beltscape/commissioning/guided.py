@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from beltscape.calibration.detection.corners import Corners
-from beltscape.commissioning.live import CarriedBoard, LiveView, open_source
+from beltscape.commissioning.live import CarriedBoard, LiveView, encode_jpeg, open_source
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import BOARD, RIG, VIEWS, list_commands
 from beltscape.core.arrays import Array
@@ -65,6 +65,7 @@ class GuidedSession:
         self._corners_px: dict[str, list[Array]] = {}
         self._now: Mapping[str, Corners] = {}
         self._judgement = ViewJudgement("no_board")
+        self._frames: FrameSet | None = None
         self._verdict: RigVerdict | None = None
         self._trouble = ""
         self._moved = ""
@@ -163,13 +164,12 @@ class GuidedSession:
     def _run(self) -> None:
         self.resume()
         last = ""
-        while not self._closed.wait(_WAIT_S):
+        while not self._closed.is_set():
             self.collect_score()
-            frames = self._live.take()
-            if frames is None or frames.frame == last:
-                continue
-            last = frames.frame
-            self.look(frames)
+            frames = self._live.take_next(last, _WAIT_S)
+            if frames is not None:
+                last = frames.frame
+                self.look(frames)
 
     def look(self, frames: FrameSet) -> ViewJudgement:
         """Judge a frame set, and take it where it is worth it."""
@@ -183,7 +183,7 @@ class GuidedSession:
             if judgement.verdict == "taken":
                 self._is_forced = False
                 self._take(frames, corners)
-            self._now, self._judgement = corners, judgement
+            self._now, self._judgement, self._frames = corners, judgement, frames
         self._start_score()
         return judgement
 
@@ -243,6 +243,12 @@ class GuidedSession:
         except BeltscapeError as error:
             self._trouble = str(error)
 
+    def encode_picture(self, camera: str) -> bytes | None:
+        """Return the picture of the frame set that was judged last as JPEG; None without one."""
+        frames = self._frames
+        image = None if frames is None else frames.images.get(camera)
+        return None if image is None else encode_jpeg(image)
+
     def wait_for_score(self) -> None:
         """Wait until no score is being computed."""
         while self._process is not None and not self._closed.wait(_WAIT_S):
@@ -296,23 +302,31 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     live = LiveView(lambda: open_source(state))
     session = GuidedSession(state, live)
     session.resume()
-    source = open_source(state)
+    live.open()
+    if live.trouble:
+        raise InputError(live.trouble)
+    last = ""
     try:
-        for frames in source:
-            if session.is_enough or (isinstance(source, CarriedBoard) and source.rounds):
-                break
-            judgement = session.look(frames)
+        while not session.is_enough and not (isinstance(live.source, CarriedBoard) and live.source.rounds):
             session.collect_score()
+            if (frames := live.take_next(last, _WAIT_S)) is None:
+                continue
+            last = frames.frame
+            if session.look(frames).verdict == "taken":
+                reporter.step(_describe_view(session), 1, 1)
             if session.moved:
                 raise InputError(
                     f"camera {session.moved} was moved since the first views: fix it, move {VIEWS} away, and take "
                     "the views anew"
                 )
-            score = session.verdict
-            line = "" if score is None else f"; σ {score.sigma_mm:.3g} mm, {score.held_out_px:.3g} px"
-            if judgement.verdict == "taken":
-                reporter.step(f"view {session.taken}{line}", 1, 1)
         session.wait_for_score()
     finally:
-        source.close()
+        live.close()
         session.close()
+
+
+def _describe_view(session: GuidedSession) -> str:
+    """Return the line of a view that was taken, with the newest score."""
+    score = session.verdict
+    found = "" if score is None else f", σ {score.sigma_mm:.3g} mm, {score.held_out_px:.3g} px held out"
+    return f"view {session.taken}{found}"

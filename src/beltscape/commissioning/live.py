@@ -30,6 +30,8 @@ PERIOD_S = 0.25
 """Time from one frame set of a carried board to the next: slow enough for the detection of five cameras."""
 _BLUR = 0.04
 """Length of the motion blur over the image's width."""
+_CARRY_S = 20.0
+"""Longest wait of a carried board for its view to be looked at: a busy machine takes seconds."""
 _PICTURE_PX = 640
 """Longer side of a picture for the page."""
 
@@ -102,7 +104,8 @@ class LiveView:
         self._lock = threading.Condition()
         self._frames: FrameSet | None = None
         self._source: LiveSource | None = None
-        self._listeners: list[Callable[[FrameSet], None]] = []
+        self._judged = ""
+        self._has_consumer = False
         self.trouble = ""
         """Why there are no pictures, in one line; empty: there are."""
 
@@ -145,12 +148,17 @@ class LiveView:
                     return
                 self._frames = frames
                 self._lock.notify_all()
-            for listener in tuple(self._listeners):
-                listener(frames)
+                if self._has_consumer and isinstance(source, CarriedBoard):
+                    # whoever carries this board waits until the view was looked at
+                    self._lock.wait_for(lambda f=frames: self._judged == f.frame or self._source is None, _CARRY_S)
 
-    def listen(self, listener: Callable[[FrameSet], None]) -> None:
-        """Call a function with every frame set, in the source's thread, until the source is closed."""
-        self._listeners.append(listener)
+    def take_next(self, last: str, wait_s: float) -> FrameSet | None:
+        """Return the newest frame set once it is another one than ``last``, which was judged; None after ``wait_s``."""
+        with self._lock:
+            self._has_consumer, self._judged = True, last
+            self._lock.notify_all()
+            self._lock.wait_for(lambda: self._frames is not None and self._frames.frame != last, wait_s)
+            return None if self._frames is None or self._frames.frame == last else self._frames
 
     def take(self, wait_s: float = 0.0) -> FrameSet | None:
         """Return the newest frame set; None if none came within ``wait_s``."""
@@ -163,7 +171,8 @@ class LiveView:
         """Close the source, so that a command can open the cameras."""
         with self._lock:
             source, self._source, self._frames = self._source, None, None
-            self._listeners.clear()
+            self._has_consumer, self._judged = False, ""
+            self._lock.notify_all()
         if source is not None:
             source.close()
 

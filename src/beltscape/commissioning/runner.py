@@ -25,6 +25,9 @@ from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import (
     CALIBRATION,
     CAMERAS_FILE,
+    EMPTY,
+    LIVE,
+    MOVING,
     PROJECT,
     VIEWS,
     Words,
@@ -209,7 +212,7 @@ class StepRun:
 
     def _learn_belt(self) -> Facts:
         if self._state.settings.source == "cameras":
-            _set_aside(self._state.folder / "empty")
+            _set_aside(self._state.folder / EMPTY)
         document = self.call_all("empty")
         return {"width_mm": document["width_mm"], "noise_mm": document["noise_mm"], "frames": document["frames"]}
 
@@ -221,7 +224,8 @@ class StepRun:
 
     def _test_live(self) -> Facts:
         if self._state.settings.source == "cameras":
-            _set_aside(self._state.folder / "moving")
+            _set_aside(self._state.folder / MOVING)
+        _set_aside(self._state.folder / LIVE)  # a replay would go on with the former one's history
         document = self.call_all("live")
         if not document["records"]:
             raise InputError("the live test gave no record: does the belt run, and is the encoder read?")

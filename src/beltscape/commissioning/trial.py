@@ -31,9 +31,9 @@ _SIGMA_PERCENT = 0.1
 """One standard deviation of the true volumes: their cross-sections are stated at every millimetre of belt."""
 
 
-def make_trial(state: CommissionState, demo: Path = DEMO_FOLDER) -> dict[str, Any]:
+def make_trial(state: CommissionState) -> dict[str, Any]:
     """Copy the shipped captures into the folder, and return the settings of the trial plant."""
-    folder = state.folder / CAPTURES
+    folder, demo = state.folder / CAPTURES, DEMO_FOLDER
     for name, scene in _SCENES.items():
         if not (folder / name).is_dir():
             shutil.copytree(demo / scene, folder / name)

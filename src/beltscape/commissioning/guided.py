@@ -47,6 +47,8 @@ LEAST_VIEWS = 8
 """Views below which it is never enough: of fewer, the held-out score is that of a few poses."""
 _TOLD_VIEWS = 2
 """Newest views that a camera must contradict to be blamed: one may be a blink of its trigger."""
+_CLOSE_S = 30.0
+"""Longest wait for the frame set that is being judged: a large one takes seconds on a busy machine."""
 _WAIT_S = 0.1
 """Interval at which the session looks for a new frame set or the end of a score."""
 
@@ -75,6 +77,7 @@ class GuidedSession:
         self._closed = threading.Event()
         self._lock = threading.Lock()
         self._is_forced = False
+        self._thread: threading.Thread | None = None
 
     @property
     def taken(self) -> int:
@@ -132,7 +135,8 @@ class GuidedSession:
 
     def start(self) -> None:
         """Take views until the session is closed."""
-        make_supervised_thread("guided calibration", self._run, self._fail, self._closed.wait).start()
+        self._thread = make_supervised_thread("guided calibration", self._run, self._fail, self._closed.wait)
+        self._thread.start()
 
     def _fail(self, reason: str) -> None:
         self._trouble = reason
@@ -142,6 +146,9 @@ class GuidedSession:
         self._closed.set()
         if (process := self._process) is not None:
             process.terminate()
+            process.communicate()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(_CLOSE_S)  # a detection that is under way cannot be interrupted
 
     def force(self) -> None:
         """Take the next frame set that shows the board to two cameras, whatever is wrong with it."""
@@ -224,7 +231,8 @@ class GuidedSession:
         if process is None or process.poll() is None:
             return
         assert process.stdout is not None
-        text = process.stdout.read().decode("utf-8", "replace")
+        with process:
+            text = process.stdout.read().decode("utf-8", "replace")
         self._process = None
         if process.returncode:
             document = json.loads(text) if text.strip() else {}

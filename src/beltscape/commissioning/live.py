@@ -39,8 +39,8 @@ _PICTURE_PX = 640
 class CarriedBoard:
     """Live source that shows the views of a recorded capture as if the board were carried about, again and again."""
 
-    def __init__(self, capture: Capture, period_s: float = PERIOD_S) -> None:
-        self._capture, self._period_s = capture, period_s
+    def __init__(self, capture: Capture) -> None:
+        self._capture, self._period_s = capture, PERIOD_S
         self._closed = threading.Event()
         self.rounds = 0
         """How often all views were shown."""
@@ -150,7 +150,9 @@ class LiveView:
                 self._lock.notify_all()
                 if self._has_consumer and isinstance(source, CarriedBoard):
                     # whoever carries this board waits until the view was looked at
-                    self._lock.wait_for(lambda f=frames: self._judged == f.frame or self._source is None, _CARRY_S)
+                    self._lock.wait_for(
+                        lambda f=frames: self._judged == f.frame or self._source is None, _CARRY_S
+                    )
 
     def take_next(self, last: str, wait_s: float) -> FrameSet | None:
         """Return the newest frame set once it is another one than ``last``, which was judged; None after ``wait_s``."""
@@ -189,7 +191,9 @@ def encode_jpeg(image: Image) -> bytes:
         image = (image >> 8).astype(np.uint8)
     scale = _PICTURE_PX / max(image.shape[:2])
     if scale < 1:
-        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        image = np.asarray(
+            cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
     bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 

@@ -1,8 +1,9 @@
 """Helpers for exposure, focus and aperture: histogram, brightness, and sharpness over a camera's image.
 
-Sharpness compares differences of neighbouring pixels with those four pixels apart (RMS). It does not depend on the
-contrast, rises as focus improves, and is the same over the image where the lens is focused on the whole belt; at the
-rim it falls where the aperture is too wide. Its σ is that of the mean over the four quarters of a tile.
+Sharpness compares differences of neighbouring pixels with those four pixels apart (RMS): 0 where an image is so blurred
+that it only slopes, 1 for white noise. It does not depend on the contrast, rises as focus improves, and is the same
+over the image where the lens is focused on the whole belt; at the rim it falls where the aperture is too wide. Its σ
+is that of the mean over the four quarters of a tile.
 """
 
 from __future__ import annotations
@@ -114,12 +115,17 @@ def map_sharpness(grey: NDArray[np.float32]) -> SharpnessMap:
     # four quarters of each tile
     energy = _average(near, 2 * columns, 2 * rows), _average(far, 2 * columns, 2 * rows)
     with np.errstate(invalid="ignore", divide="ignore"):
-        quarters = np.sqrt(energy[0] / energy[1])
+        quarters = _scale(np.sqrt(energy[0] / energy[1]))
         contrast = np.sqrt(_join(energy[1]).mean(axis=-1) / 2)
-        values = np.sqrt(_join(energy[0]).mean(axis=-1) / _join(energy[1]).mean(axis=-1))
+        values = _scale(np.sqrt(_join(energy[0]).mean(axis=-1) / _join(energy[1]).mean(axis=-1)))
     sigmas = _join(quarters).std(axis=-1, ddof=1) / 2
     has_texture = contrast >= LEAST_CONTRAST
     return SharpnessMap(np.where(has_texture, values, np.nan), np.where(has_texture, sigmas, np.nan))
+
+
+def _scale(ratio: Array) -> Array:
+    """Return the sharpness of a ratio of differences: that of a slope, 1 / FAR_PX, is none."""
+    return np.clip((ratio - 1 / FAR_PX) / (1 - 1 / FAR_PX), 0.0, None)
 
 
 def _shift(grey: NDArray[np.float32], step: int, axis: int) -> NDArray[np.float32]:
@@ -140,4 +146,8 @@ def _average(energy: NDArray[np.float32], columns: int, rows: int) -> Array:
 def _join(quarters: Array) -> Array:
     """Return quarters (2 rows, 2 columns) as (rows, columns, 4)."""
     rows, columns = quarters.shape
-    return quarters.reshape(rows // 2, 2, columns // 2, 2).transpose(0, 2, 1, 3).reshape(rows // 2, columns // 2, 4)
+    return (
+        quarters.reshape(rows // 2, 2, columns // 2, 2)
+        .transpose(0, 2, 1, 3)
+        .reshape(rows // 2, columns // 2, 4)
+    )

@@ -65,7 +65,10 @@ def _list_run(state: CommissionState, run: RunAnswer) -> Iterator[tuple[str, Any
     if run.mass_kg is not None:
         yield "mass_kg", run.mass_kg
     else:
-        yield "volume_m3", trial.compute_true_m3(state, run) if state.settings.source == "trial" else run.volume_m3
+        yield (
+            "volume_m3",
+            trial.compute_true_m3(state, run) if state.settings.source == "trial" else run.volume_m3,
+        )
     if run.ticket:
         yield "ticket", run.ticket
 
@@ -76,7 +79,9 @@ def _format_table(name: str, values: Mapping[str, Any], *, is_list: bool = False
 
 
 def _key(name: str) -> str:
-    return name if name.replace("_", "").replace("-", "").isascii() and name.isidentifier() else json.dumps(name)
+    return (
+        name if name.replace("_", "").replace("-", "").isascii() and name.isidentifier() else json.dumps(name)
+    )
 
 
 def _format(value: Any) -> str:

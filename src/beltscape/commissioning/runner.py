@@ -88,24 +88,25 @@ class StepRun:
         """Run a command in the folder; return its JSON document."""
         if self._cancelled.is_set():
             raise InputError("cancelled")
-        process = subprocess.Popen(
+        with subprocess.Popen(
             [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder, text=True,
             encoding="utf-8", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             env={**os.environ, "PYTHONUTF8": "1"},
-        )  # fmt: skip
-        self._process = process
-        listener = threading.Thread(target=self._listen, args=(process,), daemon=True)
-        listener.start()
-        assert process.stdout is not None
-        text = process.stdout.read()
-        code = process.wait()
-        listener.join(1.0)
+        ) as process:  # fmt: skip
+            self._process = process
+            listener = threading.Thread(target=self._listen, args=(process,), daemon=True)
+            listener.start()
+            assert process.stdout is not None
+            text = process.stdout.read()
+            listener.join()
         self._process = None
         if self._cancelled.is_set():
             raise InputError("cancelled")
         document = json.loads(text) if text.strip() else {}
-        if code:
-            raise InputError(document.get("error", {}).get("message") or f"{' '.join(words)}: ended with {code}")
+        if code := process.returncode:
+            raise InputError(
+                document.get("error", {}).get("message") or f"{' '.join(words)}: ended with {code}"
+            )
         return document
 
     def call_all(self, name: str) -> Any:
@@ -193,7 +194,9 @@ class StepRun:
 
     def _calibrate(self) -> Facts:
         if not any((self._state.folder / VIEWS).glob("*/*")):
-            raise InputError(f"{VIEWS}: no views of the board yet: take them first, with the page or --step calibrate")
+            raise InputError(
+                f"{VIEWS}: no views of the board yet: take them first, with the page or --step calibrate"
+            )
         return describe_calibration(self.call_all("calibrate"))
 
     def _accept_rig(self) -> Facts:
@@ -214,7 +217,11 @@ class StepRun:
         if self._state.settings.source == "cameras":
             _set_aside(self._state.folder / EMPTY)
         document = self.call_all("empty")
-        return {"width_mm": document["width_mm"], "noise_mm": document["noise_mm"], "frames": document["frames"]}
+        return {
+            "width_mm": document["width_mm"],
+            "noise_mm": document["noise_mm"],
+            "frames": document["frames"],
+        }
 
     def _write_project(self) -> Facts:
         path = self._state.folder / PROJECT
@@ -256,7 +263,9 @@ class StepRun:
         issued = document["certificate"]
         newest = self.call(listing)["certificates"][0]
         if newest["number"] != issued["number"] or newest["changed"]:
-            raise InputError(f"certificate {issued['number']} does not apply to the plant: {newest['changed']}")
+            raise InputError(
+                f"certificate {issued['number']} does not apply to the plant: {newest['changed']}"
+            )
         return {"number": issued["number"], "page": issued["page"], "days": newest["days_left"]}
 
 

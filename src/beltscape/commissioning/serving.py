@@ -191,7 +191,10 @@ def serve_commission(state: CommissionState, port: int, language: str, stop: Eve
     SettingsError, OutputError
         With one line that names the fault and the fix.
     """
-    with restrict_rights(state.folder / "data"), open_commission(state, port, language) as (server, _, _access):
+    with (
+        restrict_rights(state.folder / "data"),
+        open_commission(state, port, language) as (server, _, _access),
+    ):
         notify("READY=1")
         _LOG.info("commissioning in %s; the page is at %s", state.folder, server.address)
         stop.wait()

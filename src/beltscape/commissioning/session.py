@@ -180,7 +180,11 @@ class CommissionSession:
     def assess_optics(self) -> dict[str, Any]:
         """Return histogram and sharpness of every camera's newest picture; empty while there is none."""
         frames = self.live.take()
-        return {} if frames is None else {name: own.document() for name, own in assess_all(frames.images).items()}
+        return (
+            {}
+            if frames is None
+            else {name: own.document() for name, own in assess_all(frames.images).items()}
+        )
 
     def encode_picture(self, camera: str) -> bytes | None:
         """Return a camera's newest picture as JPEG, while views are taken that of the judged one; None without one."""

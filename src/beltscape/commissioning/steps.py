@@ -13,7 +13,13 @@ from typing import Literal
 from beltscape.commissioning.state import CommissionSettings, CommissionState, RunAnswer
 from beltscape.core.errors import InputError, suggest_name
 
-PROJECT, BOARD, VIEWS, RIG, BELT = "project.toml", "board/board.toml", "calibration", "rig/rig.json", "belt.json"
+PROJECT, BOARD, VIEWS, RIG, BELT = (
+    "project.toml",
+    "board/board.toml",
+    "calibration",
+    "rig/rig.json",
+    "belt.json",
+)
 CAMERAS_FILE = "cameras.toml"
 """The table [cameras] before there is a whole project.toml; `record` and `cameras --check` read it."""
 EMPTY, MOVING, LIVE, TEST, TEST_FILE = "empty", "moving", "live_test", "test", "material_test.toml"

@@ -1,12 +1,13 @@
 """The trial plant: the shipped captures stand for cameras, board, empty belt and loads of known volume.
 
-Its two loads are one instant each, rendered with exact truth, so that its certificate has no repetition; it shows how
-a commissioning goes, not how good a plant is.
+Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant seen by other
+auxiliary cameras beside the core. It shows how a commissioning goes, not how good a plant is.
 """
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,11 @@ from beltscape.files.json_text import read_json
 
 CAPTURES = "trial"
 """Folder of the captures in the commissioning's folder."""
-_SCENES = {VIEWS: "calibration", EMPTY: "belt_empty", MOVING: "belt_loaded", "module": "module"}
+_SCENES = {VIEWS: "calibration", EMPTY: "belt_empty", MOVING: "belt_loaded"}
 """Capture of the trial → the shipped one."""
-_LOADS = {MOVING: "rocks", "module": "module"}
-"""Capture of a load of the material test → its name."""
-_TRUTHS = {MOVING: "belt_loaded", "module": "module"}
+_LOADS = {"rocks": "belt_loaded", "module": "module"}
+"""Load of the material test → the shipped capture."""
+_REPETITIONS = 2
 _ENCODER = "frame,timestamp_s,belt_position_mm\n000,0,0\n"
 """A single instant."""
 _SIGMA_PERCENT = 0.1
@@ -33,14 +34,12 @@ _SIGMA_PERCENT = 0.1
 
 def make_trial(state: CommissionState) -> dict[str, Any]:
     """Copy the shipped captures into the folder, and return the settings of the trial plant."""
-    folder, demo = state.folder / CAPTURES, DEMO_FOLDER
+    folder = state.folder / CAPTURES
     for name, scene in _SCENES.items():
-        if not (folder / name).is_dir():
-            shutil.copytree(demo / scene, folder / name)
-    for name in _LOADS:
-        write_text(folder / name / "encoder.csv", _ENCODER)
-    shutil.copy(demo / "board.toml", folder / "board.toml")
-    shutil.copy(demo / "truth" / "volume.json", folder / "volume.json")
+        _copy(DEMO_FOLDER / scene, folder / name, ())
+    write_text(folder / MOVING / "encoder.csv", _ENCODER)
+    for name in ("board.toml", "truth/volume.json"):
+        shutil.copy(DEMO_FOLDER / name, folder)
     return {
         "captures": CAPTURES,
         "board": {"file": f"{CAPTURES}/board.toml"},
@@ -49,27 +48,35 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
         "density_kg_m3": 1600.0,
         "operator": "trial",
         "reference": {"name": "truth of the simulation", "sigma_percent": _SIGMA_PERCENT},
-        "runs": [
-            {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": _read_whole_m3(folder, name)}
-            for name, load in _LOADS.items()
-        ],
+        "runs": [_make_run(folder, load, number) for number in range(_REPETITIONS) for load in _LOADS],
     }
 
 
-def _read_cross_sections(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
+    """Copy the core's images of a load, and those of every second auxiliary camera, as one run."""
+    scene, name = DEMO_FOLDER / _LOADS[load], f"{load}_{number + 1}"
+    core, *auxiliaries = sorted(path.name for path in scene.iterdir() if path.is_dir())
+    _copy(scene, folder / name, [one for i, one in enumerate(auxiliaries) if i % _REPETITIONS != number])
+    write_text(folder / name / "encoder.csv", _ENCODER)
+    whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
+    return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
+
+
+def _copy(scene: Path, to: Path, without: Sequence[str]) -> None:
+    if not to.is_dir():
+        shutil.copytree(scene, to, ignore=shutil.ignore_patterns(*without))
+
+
+def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the edges (n + 1,), mm along the belt, and the true volume (n + 1,) up to each, mm³."""
-    truth = read_json(folder / "volume.json")["scenes"][_TRUTHS[name]]
+    truth = read_json(folder / "volume.json")["scenes"][_LOADS[load]]
     edges = truth["first_y_mm"] + np.arange(len(truth["area_mm2"]) + 1)
     return edges, np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
 
 
-def _read_whole_m3(folder: Path, name: str) -> float:
-    return float(_read_cross_sections(folder, name)[1][-1]) * 1e-9
-
-
 def compute_true_m3(state: CommissionState, run: RunAnswer) -> float:
     """Return the true volume on the stretch of belt that a run's flow covers, m³."""
-    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.capture.name)
+    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.load)
     strips = read_json(state.folder / name_flow(run) / "flow.json")["strips"]
     low, high = np.interp([strips[0]["start_mm"], strips[-1]["end_mm"]], edges, cumulated)
     return float(high - low) * 1e-9

@@ -101,7 +101,8 @@ def summary(result: Mapping[str, Any]) -> str:
     """Return the steps, a line each, and what the step that was run found."""
     marks = {"done": "ok", "open": "--", "blocked": "..", "outdated": "!!"}
     lines = [
-        f"{marks[one['status']]} {one['name']:<12} {'; '.join(one['commands'])}".rstrip() for one in result["steps"]
+        f"{marks[one['status']]} {one['name']:<12} {'; '.join(one['commands'])}".rstrip()
+        for one in result["steps"]
     ]
     if "result" in result:
         found = ", ".join(f"{key} {_format(value)}" for key, value in result["result"].items())

@@ -12,7 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from beltscape.calibration.assessment.coverage import REACH, MeasuringVolume, make_volume_of_view, project_beyond
+from beltscape.calibration.assessment.coverage import (
+    REACH,
+    MeasuringVolume,
+    make_volume_of_view,
+    project_beyond,
+)
 from beltscape.calibration.assessment.findings import find_displaced_camera
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.core.arrays import Array
@@ -178,7 +183,9 @@ def _outline_mm(board: Board) -> Array:
     """Return points (n, 3) along the edge of the board's print: a square beyond its outermost corners."""
     points = corner_points_mm(board)
     low, high = points.min(axis=0)[:2] - board.square_mm, points.max(axis=0)[:2] + board.square_mm
-    ends = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]])
+    ends = np.array(
+        [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]]
+    )
     share = np.linspace(0, 1, _EDGE_POINTS, endpoint=False)[:, None]
     edges = np.concatenate([a + share * (b - a) for a, b in zip(ends, ends[1:], strict=False)])
     return np.column_stack([edges, np.zeros(len(edges))])
@@ -198,7 +205,10 @@ def _make_start(outline_mm: Array, name: str, size_px: tuple[int, int], taken: i
 
 
 def find_moved_camera(
-    verdict: RigVerdict, board: Board, views: Sequence[Mapping[str, Corners]], sizes_px: Mapping[str, tuple[int, int]]
+    verdict: RigVerdict,
+    board: Board,
+    views: Sequence[Mapping[str, Corners]],
+    sizes_px: Mapping[str, tuple[int, int]],
 ) -> str:
     """Return the camera that stands elsewhere in these new views than in the calibrated ones; empty: none does."""
     rig = verdict.rig

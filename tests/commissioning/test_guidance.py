@@ -84,7 +84,8 @@ def see(rig: Rig, charuco, poses: list[Pose]):
             name: view(rig.cameras[name], rig.cam_from_core[name] @ pose, charuco, Print(seed=i))
             for name in rig.cameras
         }
-        views.append({name: detect(image) for name, image in images.items()})
+        found = {name: detect(image) for name, image in images.items()}
+        views.append({name: own for name, own in found.items() if own})
     return views
 
 

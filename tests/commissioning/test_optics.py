@@ -1,4 +1,4 @@
-"""Exposure and focus: sharpness falls with blur, wherever it is; the histogram and the brightness tell the exposure."""
+"""Exposure and focus: sharpness falls with blur, wherever it is; histogram and brightness show the exposure."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ def make_speckle(seed: int = 1) -> np.ndarray:
     return (0.5 + 0.2 * smooth / smooth.std()).clip(0, 1).astype(np.float32)
 
 
+def blur_by(image: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return the image blurred by a Gaussian; of σ 0 as it is."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32) if sigma_px else image
+
+
 def test_sharpness_falls_with_blur_and_does_not_depend_on_contrast():
     sharp = make_speckle()
-    medians = [
-        map_sharpness(cv2.GaussianBlur(sharp, (0, 0), blur) if blur else sharp).median
-        for blur in (0, 1, 2, 4)
-    ]
+    medians = [map_sharpness(blur_by(sharp, blur)).median for blur in (0, 1, 2, 4)]
     assert medians == sorted(medians, reverse=True)
     assert medians[3] < 0.6 * medians[0]
     weak = 0.5 + 0.4 * (sharp - 0.5)

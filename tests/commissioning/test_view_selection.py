@@ -11,7 +11,7 @@ import pytest
 from beltscape.calibration.detection.detect_capture import list_variants, make_two_sided_detector
 from beltscape.core.frames import Image
 from beltscape.core.geometry.pose import Pose
-from beltscape.pipeline.calibrating.view_selection import ViewSelector, look_at_print
+from beltscape.pipeline.calibrating.view_selection import ViewSelector, measure_print
 from tests.synthetic.boards import Print, board_poses, facing, row_of_cameras, view
 
 NAMES = ("cam0", "cam1")
@@ -31,7 +31,7 @@ class Hand:
         self.selector = ViewSelector(charuco)
         self.seed = 0
 
-    def look(self, pose: Pose, cameras=NAMES) -> dict[str, Image]:
+    def render(self, pose: Pose, cameras=NAMES) -> dict[str, Image]:
         self.seed += 1
         how = Print(seed=self.seed)
         return {
@@ -41,10 +41,10 @@ class Hand:
 
     def show(self, images: dict[str, Image]) -> str:
         found = {name: self.detect(image) for name, image in images.items()}
-        return self.selector.judge(images, {name: own for name, own in found.items() if own}).verdict
+        return self.selector.assess(images, {name: own for name, own in found.items() if own}).verdict
 
     def hold(self, pose: Pose) -> list[str]:
-        return [self.show(self.look(pose)) for _ in range(2)]
+        return [self.show(self.render(pose)) for _ in range(2)]
 
 
 @pytest.fixture
@@ -66,14 +66,14 @@ def test_a_view_at_rest_is_taken_once_and_another_one_again(hand):
 
 def test_a_moving_board_is_not_taken_however_sharp(hand):
     (pose,) = board_poses(hand.board, 1)
-    verdicts = [hand.show(hand.look(move(pose, 2.0 * i))) for i in range(4)]
+    verdicts = [hand.show(hand.render(move(pose, 2.0 * i))) for i in range(4)]
     assert verdicts == ["moving"] * 4
     assert hand.hold(pose) == ["moving", "taken"]
 
 
 def test_one_camera_is_not_enough_and_no_board_is_said(hand):
     (pose,) = board_poses(hand.board, 1)
-    images = hand.look(pose)
+    images = hand.render(pose)
     images["cam1"] = np.full_like(images["cam1"], 90)
     assert hand.show(images) == "one_camera"
     assert hand.show({name: np.full_like(image, 90) for name, image in images.items()}) == "no_board"
@@ -84,7 +84,7 @@ def test_blur_that_the_hand_makes_is_named(hand):
     hand.hold(near)
     turned = facing(hand.board, distance_mm=400, tilt=0.4)
     blurred = [
-        {n: np.asarray(cv2.blur(image, (7, 1)), np.uint8) for n, image in hand.look(turned).items()}
+        {n: np.asarray(cv2.blur(image, (7, 1)), np.uint8) for n, image in hand.render(turned).items()}
         for _ in range(2)
     ]
     assert [hand.show(images) for images in blurred] == ["moving", "blurred"]
@@ -96,7 +96,7 @@ def test_wrong_light_is_named(hand, gain, level, verdict):
     shown = [
         {
             n: np.clip(gain * image.astype(float) + level, 0, 255).astype(np.uint8)
-            for n, image in hand.look(pose).items()
+            for n, image in hand.render(pose).items()
         }
         for _ in range(2)
     ]
@@ -105,7 +105,7 @@ def test_wrong_light_is_named(hand, gain, level, verdict):
 
 def test_views_taken_earlier_are_known(hand):
     (pose,) = board_poses(hand.board, 1)
-    images = hand.look(pose)
+    images = hand.render(pose)
     sizes = {name: (image.shape[1], image.shape[0]) for name, image in images.items()}
     corners = {name: hand.detect(image) for name, image in images.items()}
     hand.selector.remember(corners, sizes)
@@ -117,7 +117,7 @@ def test_the_width_of_an_edge_follows_the_blur(charuco, detect):
     pose, widths = facing(charuco, distance_mm=350, tilt=0.0), []
     for blur in (0.5, 1.0, 1.6):
         image = view(rig.cameras["cam0"], pose, charuco, Print(blur_px=blur, noise=0.5))
-        widths.append(look_at_print(image, detect(image)).edge_px)
+        widths.append(measure_print(image, detect(image)).edge_px)
     assert widths == sorted(widths)
     # a step blurred by a Gaussian rises by its height over sqrt(2 pi) sigma
     assert widths[2] == pytest.approx(np.sqrt(2 * np.pi) * 1.6, rel=0.3)

@@ -36,7 +36,7 @@ from beltscape.pipeline.calibrating.guidance import (
     paint_coverage,
     read_verdict,
 )
-from beltscape.pipeline.calibrating.view_selection import ViewJudgement, ViewSelector
+from beltscape.pipeline.calibrating.view_selection import ViewAssessment, ViewSelector
 from beltscape.pipeline.recording.shots import CornerCounter, find_next_number
 from beltscape.sinks.recording import CaptureWriter
 from beltscape.target.board import read_board
@@ -45,10 +45,10 @@ FIRST_SCORE, SCORE_EVERY = 6, 4
 """Views from which on a first score is tried, and after which it is made anew."""
 LEAST_VIEWS = 8
 """Views below which it is never enough: of fewer, the held-out score is that of a few poses."""
-_TOLD_VIEWS = 2
+_BLAMED_VIEWS = 2
 """Newest views that a camera must contradict to be blamed: one may be a blink of its trigger."""
 _CLOSE_S = 30.0
-"""Longest wait for the frame set that is being judged: a large one takes seconds on a busy machine."""
+"""Longest wait for the frame set that is being assessed: a large one takes seconds on a busy machine."""
 _WAIT_S = 0.1
 """Interval at which the session looks for a new frame set or the end of a score."""
 
@@ -66,7 +66,7 @@ class GuidedSession:
         self._sizes: dict[str, tuple[int, int]] = {}
         self._corners_px: dict[str, list[Array]] = {}
         self._now: Mapping[str, Corners] = {}
-        self._judgement = ViewJudgement("no_board")
+        self._assessment = ViewAssessment("no_board")
         self._frames: FrameSet | None = None
         self._verdict: RigVerdict | None = None
         self._trouble = ""
@@ -116,9 +116,9 @@ class GuidedSession:
         return self._verdict
 
     @property
-    def judgement(self) -> ViewJudgement:
+    def assessment(self) -> ViewAssessment:
         """The verdict on the newest frame set."""
-        return self._judgement
+        return self._assessment
 
     def resume(self) -> None:
         """Find the board in the views that are there, and read their newest score."""
@@ -176,23 +176,23 @@ class GuidedSession:
             frames = self._live.take_next(last, _WAIT_S)
             if frames is not None:
                 last = frames.frame
-                self.look(frames)
+                self.assess(frames)
 
-    def look(self, frames: FrameSet) -> ViewJudgement:
+    def assess(self, frames: FrameSet) -> ViewAssessment:
         """Judge a frame set, and take it where it is worth it."""
         corners = self._counter.detect(frames.images)
         with self._lock:
             self._add_sizes(frames)
-            judgement = self._selector.judge(frames.images, corners)
-            if judgement.verdict not in ("taken", "no_board", "one_camera") and self._is_forced:
+            assessment = self._selector.assess(frames.images, corners)
+            if assessment.verdict not in ("taken", "no_board", "one_camera") and self._is_forced:
                 self._selector.remember(corners, self._sizes)
-                judgement = replace(judgement, verdict="taken")
-            if judgement.verdict == "taken":
+                assessment = replace(assessment, verdict="taken")
+            if assessment.verdict == "taken":
                 self._is_forced = False
                 self._take(frames, corners)
-            self._now, self._judgement, self._frames = corners, judgement, frames
+            self._now, self._assessment, self._frames = corners, assessment, frames
         self._start_score()
-        return judgement
+        return assessment
 
     def _take(self, frames: FrameSet, corners: Mapping[str, Corners]) -> None:
         number = find_next_number(self._folder) if self._folder.is_dir() else 0
@@ -201,8 +201,8 @@ class GuidedSession:
         self._add_corners(corners)
         if self._verdict is not None:
             self._new_views.append(corners)
-            newest = self._new_views[-_TOLD_VIEWS:]
-            if len(newest) == _TOLD_VIEWS and not self._moved:
+            newest = self._new_views[-_BLAMED_VIEWS:]
+            if len(newest) == _BLAMED_VIEWS and not self._moved:
                 self._moved = find_moved_camera(self._verdict, self._board, newest, self._sizes)
 
     def _add_sizes(self, frames: FrameSet) -> None:
@@ -252,7 +252,7 @@ class GuidedSession:
             self._trouble = str(error)
 
     def encode_picture(self, camera: str) -> bytes | None:
-        """Return the picture of the frame set that was judged last as JPEG; None without one."""
+        """Return the picture of the frame set that was assessed last as JPEG; None without one."""
         frames = self._frames
         image = None if frames is None else frames.images.get(camera)
         return None if image is None else encode_jpeg(image)
@@ -271,8 +271,8 @@ class GuidedSession:
         core = self._state.settings.core
         return {
             "taken": taken,
-            "verdict": self._judgement.verdict,
-            "camera": self._judgement.camera,
+            "verdict": self._assessment.verdict,
+            "camera": self._assessment.camera,
             "moved": self._moved,
             "trouble": self._trouble,
             "is_scoring": self.is_scoring,
@@ -294,7 +294,7 @@ def _describe_verdict(verdict: RigVerdict) -> dict[str, Any]:
         "sigma_mm": verdict.sigma_mm,
         "uncovered": verdict.uncovered,
         "is_sound": verdict.is_sound,
-        "doubts": verdict.doubts,
+        "doubts": verdict.findings,
         "next": verdict.next_words,
     }
 
@@ -320,7 +320,7 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
             if (frames := live.take_next(last, _WAIT_S)) is None:
                 continue
             last = frames.frame
-            if session.look(frames).verdict == "taken":
+            if session.assess(frames).verdict == "taken":
                 reporter.step(_describe_view(session), 1, 1)
             if session.moved:
                 raise InputError(

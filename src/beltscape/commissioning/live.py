@@ -104,7 +104,7 @@ class LiveView:
         self._lock = threading.Condition()
         self._frames: FrameSet | None = None
         self._source: LiveSource | None = None
-        self._judged = ""
+        self._assessed = ""
         self._has_consumer = False
         self.trouble = ""
         """Why there are no pictures, in one line; empty: there are."""
@@ -151,13 +151,13 @@ class LiveView:
                 if self._has_consumer and isinstance(source, CarriedBoard):
                     # whoever carries this board waits until the view was looked at
                     self._lock.wait_for(
-                        lambda f=frames: self._judged == f.frame or self._source is None, _CARRY_S
+                        lambda f=frames: self._assessed == f.frame or self._source is None, _CARRY_S
                     )
 
     def take_next(self, last: str, wait_s: float) -> FrameSet | None:
-        """Return the newest frame set once it is another one than ``last``, which was judged; None after ``wait_s``."""
+        """Return the newest frame set once it is no longer ``last``, which was assessed; None after ``wait_s``."""
         with self._lock:
-            self._has_consumer, self._judged = True, last
+            self._has_consumer, self._assessed = True, last
             self._lock.notify_all()
             self._lock.wait_for(lambda: self._frames is not None and self._frames.frame != last, wait_s)
             return None if self._frames is None or self._frames.frame == last else self._frames
@@ -173,7 +173,7 @@ class LiveView:
         """Close the source, so that a command can open the cameras."""
         with self._lock:
             source, self._source, self._frames = self._source, None, None
-            self._has_consumer, self._judged = False, ""
+            self._has_consumer, self._assessed = False, ""
             self._lock.notify_all()
         if source is not None:
             source.close()

@@ -1,9 +1,9 @@
 """Helpers for exposure, focus and aperture: histogram, brightness, and sharpness over a camera's image.
 
-Sharpness compares differences of neighbouring pixels with those four pixels apart (RMS): 0 where an image is so blurred
-that it only slopes, 1 for white noise. It does not depend on the contrast, rises as focus improves, and is the same
-over the image where the lens is focused on the whole belt; at the rim it falls where the aperture is too wide. Its σ
-is that of the mean over the four quarters of a tile.
+Sharpness compares differences of neighbouring pixels with those four pixels apart (RMS): 0 where an image is so
+blurred that it only slopes, 1 for white noise. It does not depend on the contrast, rises as focus improves, and is
+the same over the image where the lens is focused on the whole belt; at the rim it falls where the aperture is too
+wide. Its σ is that of the mean over the four quarters of a tile.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from typing import Any
 from beltscape.commissioning import trial
 from beltscape.commissioning.state import CommissionSettings, CommissionState, RunAnswer
 from beltscape.commissioning.steps import BELT, MOVING, RIG, TEST_FILE, find_capture, name_flow
+from beltscape.core.checks import is_list_or_tuple
 from beltscape.files.atomic import write_text
 
 
@@ -88,6 +89,6 @@ def _format(value: Any) -> str:
     """Return a value in TOML, whose strings, numbers and truths are those of JSON."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(k)} = {_format(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
+    if is_list_or_tuple(value):
         return "[" + ", ".join(map(_format, value)) + "]"
     return json.dumps(os.fspath(value) if isinstance(value, Path) else value, ensure_ascii=False)

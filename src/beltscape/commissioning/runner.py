@@ -46,7 +46,7 @@ from beltscape.files.json_text import read_json, to_plain
 Facts: TypeAlias = dict[str, Any]
 """What a step found, by the key of its text on the page."""
 _SETS = 4
-"""Sets of images of which the sharpest is judged: the board may move in one."""
+"""Sets of images of which the sharpest is assessed: the board may move in one."""
 _DONE = re.compile(r"(?P<stage>.+): (?P<total>\d+) done")
 """A finished stage in a command's progress."""
 
@@ -150,17 +150,17 @@ class StepRun:
             state.change_settings({"core": core})
         return {"cameras": len(names), "names": list(names), "core": core}
 
-    def _judge_images(self) -> Facts:
+    def _assess_images(self) -> Facts:
         self.call_all("images")
         source = open_source(self._state)
         try:
             complete = (one for one in source if set(one.images) == set(source.cameras))
-            judged = [assess_all(one.images) for one in islice(complete, _SETS)]
+            assessed = [assess_all(one.images) for one in islice(complete, _SETS)]
         finally:
             source.close()
-        if not judged:
+        if not assessed:
             raise InputError("no complete set of images; see the cameras' states")
-        reports = max(judged, key=lambda own: sum(one.sharpness.median for one in own.values()))
+        reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():
             if report.fault:
                 self._reporter.warn(f"{name}: {report.fault}")
@@ -202,16 +202,16 @@ class StepRun:
     def _accept_rig(self) -> Facts:
         document = read_json(self._state.folder / CALIBRATION)
         facts = describe_calibration(document)
-        doubts = document["fit"]["doubts"]
-        if doubts and not self._state.settings.accept_doubts:
-            raise InputError(f"the rig is in doubt: {doubts[0]}; mend it, or give accept_doubts=true")
+        findings = document["fit"]["doubts"]
+        if findings and not self._state.settings.accept_doubts:
+            raise InputError(f"the rig is in doubt: {findings[0]}; mend it, or give accept_doubts=true")
         sigma, allowed = facts["sigma_mm"], self._state.settings.tolerance_mm
         if sigma > allowed and not self._state.settings.accept_doubts:
             raise InputError(
                 f"σ of depth from calibration is {sigma:.2g} mm, tolerance_mm = {allowed:g}: take more views, or "
                 "give accept_doubts=true"
             )
-        return {**facts, "doubts": len(doubts)}
+        return {**facts, "doubts": len(findings)}
 
     def _learn_belt(self) -> Facts:
         if self._state.settings.source == "cameras":
@@ -271,7 +271,7 @@ class StepRun:
 
 _STEPS: Mapping[str, Callable[[StepRun], Facts]] = {
     "cameras": StepRun._find_cameras,
-    "images": StepRun._judge_images,
+    "images": StepRun._assess_images,
     "trigger": StepRun._prove_trigger,
     "board": StepRun._make_board,
     "calibrate": StepRun._calibrate,

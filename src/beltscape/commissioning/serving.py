@@ -17,7 +17,6 @@ from fastapi import Path as InPath
 from fastapi.responses import FileResponse, Response
 from pydantic import BaseModel, ConfigDict
 
-
 from beltscape import __version__
 from beltscape.commissioning.session import CommissionSession, ViewAction, find_file
 from beltscape.commissioning.state import CommissionState
@@ -128,7 +127,7 @@ def _add_pictures(app: FastAPI, session: CommissionSession) -> None:
     @app.post("/api/commission/live", tags=["commission"])
     def live(is_open: Annotated[bool, Body(embed=True)], _: Engineer) -> dict[str, Any]:
         """Open or close the cameras for pictures."""
-        return _answer(session, session.look if is_open else session.stop_looking)
+        return _answer(session, session.open_cameras if is_open else session.close_cameras)
 
     @app.get("/api/commission/optics", tags=["commission"])
     def optics(_: Engineer) -> dict[str, Any]:

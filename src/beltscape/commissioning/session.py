@@ -105,7 +105,7 @@ class CommissionSession:
         with self._lock:
             self._require_rest()
             self.state.change_settings(changes)
-            self.stop_looking()
+            self.close_cameras()
 
     def start(self, name: str) -> None:
         """Run a step in a thread of its own. InputError while another one runs."""
@@ -114,7 +114,7 @@ class CommissionSession:
             self._require_rest()
             if missing := find_missing(self.state, step):
                 raise InputError(f"step {name}: finish the step {missing} first")
-            self.stop_looking()
+            self.close_cameras()
             self._running, self._progress = name, StepProgress()
             self._failures.pop(name, None)
             self._run = StepRun(self.state, self._progress)
@@ -140,7 +140,7 @@ class CommissionSession:
             if self._run is not None:
                 self._run.cancel()
 
-    def look(self) -> None:
+    def open_cameras(self) -> None:
         """Open the cameras for pictures. InputError while a step runs, or if they cannot be opened."""
         with self._lock:
             self._require_rest()
@@ -148,7 +148,7 @@ class CommissionSession:
             if self.live.trouble:
                 raise InputError(self.live.trouble)
 
-    def stop_looking(self) -> None:
+    def close_cameras(self) -> None:
         """Close the cameras and the guided calibration; its views stay."""
         with self._lock:
             if self._guided is not None:
@@ -165,13 +165,13 @@ class CommissionSession:
                     raise InputError(f"step calibrate: finish the step {missing} first")
                 if self._guided is None:
                     self._guided = GuidedSession(self.state, self.live)
-                    self.look()
+                    self.open_cameras()
                     self._guided.start()
                 return
             if self._guided is None:
                 raise InputError("no views are being taken: start first")
             if action == "stop":
-                self.stop_looking()
+                self.close_cameras()
             elif action == "take":
                 self._guided.force()
             else:
@@ -180,21 +180,18 @@ class CommissionSession:
     def assess_optics(self) -> dict[str, Any]:
         """Return histogram and sharpness of every camera's newest picture; empty while there is none."""
         frames = self.live.take()
-        return (
-            {}
-            if frames is None
-            else {name: own.document() for name, own in assess_all(frames.images).items()}
-        )
+        reports = {} if frames is None else assess_all(frames.images)
+        return {name: own.document() for name, own in reports.items()}
 
     def encode_picture(self, camera: str) -> bytes | None:
-        """Return a camera's newest picture as JPEG, while views are taken that of the judged one; None without one."""
+        """Return a camera's newest picture as JPEG; while views are taken, the one that was assessed last."""
         guided = self._guided
         return (self.live if guided is None else guided).encode_picture(camera)
 
     def close(self) -> None:
         """End what runs; everything that is finished is on the disk."""
         self.cancel()
-        self.stop_looking()
+        self.close_cameras()
 
     def _require_rest(self) -> None:
         if self._running:

@@ -1,7 +1,7 @@
 """State of a commissioning: `commission.json` in its folder, and the settings that the engineer gives.
 
-The file is small and written atomically; results are the files that the commands leave. A step is finished while these
-exist and what it was made from is unchanged.
+The file is small and written atomically; results are the files that the commands leave. A step is finished while
+these exist and what it was made from is unchanged.
 """
 
 from __future__ import annotations

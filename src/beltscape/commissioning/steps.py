@@ -100,18 +100,13 @@ def list_commands(state: CommissionState, step: str) -> list[Words]:
         "board": _make_board,
         "calibrate": _calibrate,
         "empty": _learn_belt,
-        "project": lambda _: iter([("run", PROJECT, "--check")]),
+        "project": _check_project,
         "live": _test_live,
         "material": _test_material,
         "certificate": _certify,
     }
     make = makers.get(step)
     return [] if make is None else list(make(settings))
-
-
-def uses_cameras(words: Words) -> bool:
-    """Return whether a command opens the cameras, which only one program can."""
-    return words[0] in ("record", "cameras") or words[:1] == ("run",)
 
 
 def _check_cameras(settings: CommissionSettings) -> Iterator[Words]:
@@ -131,7 +126,8 @@ def _make_board(settings: CommissionSettings) -> Iterator[Words]:
         return
     columns, rows = map(str, board.squares)
     sizes = ("--square", f"{board.square_mm:g}", "--marker", f"{board.marker_mm:g}")
-    yield ("target", "board", "--squares", columns, rows, *sizes, "--dictionary", board.dictionary, "--out", "board")  # fmt: skip
+    words = ("target", "board", "--squares", columns, rows, *sizes)
+    yield (*words, "--dictionary", board.dictionary, "--out", "board")
 
 
 def _calibrate(settings: CommissionSettings) -> Iterator[Words]:
@@ -146,6 +142,10 @@ def _learn_belt(settings: CommissionSettings) -> Iterator[Words]:
     capture = find_capture(settings, EMPTY)
     yield ("reconstruct", capture, "--rig", RIG, "--preset", "fast", "--out", "depth_empty")
     yield ("measure", "belt", "depth_empty", "--out", BELT)
+
+
+def _check_project(_settings: CommissionSettings) -> Iterator[Words]:
+    yield ("run", PROJECT, "--check")
 
 
 def _test_live(settings: CommissionSettings) -> Iterator[Words]:

@@ -1,7 +1,7 @@
 """The trial plant: the shipped captures stand for cameras, board, empty belt and loads of known volume.
 
-Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant seen by other
-auxiliary cameras beside the core. It shows how a commissioning goes, not how good a plant is.
+Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant without another one
+of the auxiliary cameras. It shows how a commissioning goes, not how good a plant is.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
 
 
 def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
-    """Copy the core's images of a load, and those of every second auxiliary camera, as one run."""
+    """Copy a load's images but those of one auxiliary camera, another one in each repetition, as one run."""
     scene, name = DEMO_FOLDER / _LOADS[load], f"{load}_{number + 1}"
-    core, *auxiliaries = sorted(path.name for path in scene.iterdir() if path.is_dir())
-    _copy(scene, folder / name, [one for i, one in enumerate(auxiliaries) if i % _REPETITIONS != number])
+    _core, *auxiliaries = sorted(path.name for path in scene.iterdir() if path.is_dir())
+    _copy(scene, folder / name, auxiliaries[number :: len(auxiliaries)])
     write_text(folder / name / "encoder.csv", _ENCODER)
     whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
     return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}

@@ -251,7 +251,7 @@ def _isolate_displacement(rig: Rig, detections: BoardDetections, board_mm: Array
 
 
 def find_displaced_camera(rig: Rig, detections: BoardDetections, board: Board) -> str:
-    """Return the camera that was moved since a rig was calibrated, by a few views; empty: none contradicts the others.
+    """Return the camera that was moved since a rig was calibrated, by a few views; empty: none contradicts.
 
     Of two cameras that contradict each other it is not known which was moved; then it is empty, too. So it is where a
     camera does not fit its own views: then its lens is not known there.

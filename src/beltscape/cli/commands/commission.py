@@ -1,4 +1,4 @@
-"""``beltscape commission [FOLDER]``: from bare cameras to a certificate, in steps; one local page, or the terminal."""
+"""``beltscape commission [FOLDER]``: from bare cameras to a certificate in steps, on a page or in the terminal."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -113,8 +114,8 @@ def summary(result: Mapping[str, Any]) -> str:
 def _format(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
-    if isinstance(value, list | tuple):
+    if is_list_or_tuple(value):
         return ", ".join(_format(item) for item in value) or "none"
-    if isinstance(value, dict):
+    if is_dict(value):
         return ", ".join(f"{key} {_format(item)}" for key, item in value.items())
     return str(value)

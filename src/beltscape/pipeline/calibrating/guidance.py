@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from beltscape.calibration.assessment.coverage import (
 )
 from beltscape.calibration.assessment.findings import find_displaced_camera
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.core.arrays import Array
+from beltscape.core.arrays import Array, Mask
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
@@ -60,7 +61,7 @@ class RigVerdict:
     uncovered: float
     """Share of what the belt needs whose depth is uncertain for lack of views."""
     is_sound: bool
-    doubts: tuple[str, ...]
+    findings: tuple[str, ...]
     next_pose: Pose | None
     next_words: str
     volume: MeasuringVolume
@@ -91,7 +92,7 @@ def read_verdict(folder: Path, plan: Path | None) -> RigVerdict | None:
         sigma_mm=max(one["median"] for one in sigmas),
         uncovered=document["coverage"]["uncertain"],
         is_sound=document["fit"]["sound"],
-        doubts=tuple(document["fit"]["doubts"]),
+        findings=tuple(document["fit"]["doubts"]),
         next_pose=None if pose is None else Pose.of(**_name_pose(pose["core_from_board"])),
         next_words="" if pose is None else pose["words"],
         volume=make_volume_of_view(rig, depths) if plan is None else read_measuring_volume(plan),
@@ -132,7 +133,7 @@ def _paint(
     return cells.astype(int).tolist()
 
 
-def _find_needed(size_px: tuple[int, int], name: str, verdict: RigVerdict) -> np.ndarray:
+def _find_needed(size_px: tuple[int, int], name: str, verdict: RigVerdict) -> Mask:
     """Return the cells (rows, columns) that see the measuring volume within the core camera's view."""
     (columns, rows), rig, (width, height) = CELLS, verdict.rig, size_px
     points = verdict.volume.points_mm
@@ -147,9 +148,10 @@ def _find_needed(size_px: tuple[int, int], name: str, verdict: RigVerdict) -> np
     return needed
 
 
-def _is_within(pixels: Array, size_px: tuple[int, int]) -> np.ndarray:
+def _is_within(pixels: Array, size_px: tuple[int, int]) -> Mask:
     with np.errstate(invalid="ignore"):
-        return ((pixels >= -0.5) & (pixels <= np.array(size_px) - 0.5)).all(axis=1)
+        within = (pixels >= -0.5) & (pixels <= np.array(size_px) - 0.5)
+    return within[:, 0] & within[:, 1]
 
 
 def draw_ghost(
@@ -187,7 +189,7 @@ def _outline_mm(board: Board) -> Array:
         [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]]
     )
     share = np.linspace(0, 1, _EDGE_POINTS, endpoint=False)[:, None]
-    edges = np.concatenate([a + share * (b - a) for a, b in zip(ends, ends[1:], strict=False)])
+    edges = np.concatenate([a + share * (b - a) for a, b in pairwise(ends)])
     return np.column_stack([edges, np.zeros(len(edges))])
 
 

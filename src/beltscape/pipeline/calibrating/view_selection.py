@@ -37,7 +37,7 @@ _PATCHES = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewJudgement:
+class ViewAssessment:
     """Why a frame set is taken, or not."""
 
     verdict: ViewVerdict
@@ -48,7 +48,7 @@ class ViewJudgement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PrintLook:
+class PrintAppearance:
     """How the board's print looks in an image."""
 
     edge_px: float
@@ -78,25 +78,25 @@ class ViewSelector:
         self._sizes.update(sizes_px)
         self._outlines.append(self._outline_all(corners))
 
-    def judge(self, images: Mapping[str, Image], corners: Mapping[str, Corners]) -> ViewJudgement:
+    def assess(self, images: Mapping[str, Image], corners: Mapping[str, Corners]) -> ViewAssessment:
         """Return the verdict on a frame set; one that is taken is remembered. ``corners``: by camera, if any."""
         self._sizes.update({name: (image.shape[1], image.shape[0]) for name, image in images.items()})
         seen = {name: own for name, own in corners.items() if len(own) >= MIN_SEEN}
         before, self._before = self._before, seen
         if len(seen) < 2:
-            return ViewJudgement("one_camera" if seen else "no_board", next(iter(seen), ""))
+            return ViewAssessment("one_camera" if seen else "no_board", next(iter(seen), ""))
         if camera := self._find_moving(seen, before):
-            return ViewJudgement("moving", camera)
+            return ViewAssessment("moving", camera)
         for name, own in seen.items():
-            verdict = self._judge_print(name, look_at_print(images[name], own))
+            verdict = self._assess_print(name, measure_print(images[name], own))
             if verdict is not None:
-                return ViewJudgement(verdict, name)
+                return ViewAssessment(verdict, name)
         outlines = self._outline_all(seen)
         novelty = self._compute_novelty(outlines)
         if novelty < MIN_NOVELTY:
-            return ViewJudgement("known", novelty=novelty)
+            return ViewAssessment("known", novelty=novelty)
         self._outlines.append(outlines)
-        return ViewJudgement("taken", novelty=novelty)
+        return ViewAssessment("taken", novelty=novelty)
 
     def _find_moving(self, seen: Mapping[str, Corners], before: Mapping[str, Corners]) -> str:
         """Return a camera in whose image the board moves, or that did not see it before; empty: it is still."""
@@ -112,15 +112,15 @@ class ViewSelector:
                 return name
         return ""
 
-    def _judge_print(self, name: str, look: PrintLook) -> ViewVerdict | None:
-        if look.white - look.black < MIN_CONTRAST:
-            return "bright" if look.white > TOP else "dark"
-        if look.white >= TOP:
+    def _assess_print(self, name: str, appearance: PrintAppearance) -> ViewVerdict | None:
+        if appearance.white - appearance.black < MIN_CONTRAST:
+            return "bright" if appearance.white > TOP else "dark"
+        if appearance.white >= TOP:
             return "bright"
-        narrowest = min(look.edge_px, self._narrowest_px.get(name, look.edge_px))
+        narrowest = min(appearance.edge_px, self._narrowest_px.get(name, appearance.edge_px))
         self._narrowest_px[name] = narrowest
         limit = min(MAX_EDGE_PX, max(MAX_EDGE_RATIO * narrowest, 2.0))
-        return "blurred" if look.edge_px > limit else None
+        return "blurred" if appearance.edge_px > limit else None
 
     def _outline_all(self, corners: Mapping[str, Corners]) -> dict[str, Array]:
         found = {name: self._outline(own) for name, own in corners.items() if len(own) >= MIN_SEEN}
@@ -152,7 +152,7 @@ class ViewSelector:
         return float(np.sqrt(np.square(first - second).sum(axis=1).mean()) / np.hypot(*self._sizes[name]))
 
 
-def look_at_print(image: Image, corners: Corners) -> PrintLook:
+def measure_print(image: Image, corners: Corners) -> PrintAppearance:
     """Return how the print looks about the corners: width of its edges, levels of black and white."""
     grey = to_grey(image) / np.float32(np.iinfo(image.dtype).max)
     spacing = _find_spacing(corners.pixels)
@@ -168,9 +168,9 @@ def look_at_print(image: Image, corners: Corners) -> PrintLook:
         levels.append((float(black), float(white)))
         widths.append(float((white - black) / max(_find_steepness(patch), 1e-6)))
     if not widths:
-        return PrintLook(float("inf"), 0.0, 0.0)
+        return PrintAppearance(float("inf"), 0.0, 0.0)
     black, white = np.median(levels, axis=0)
-    return PrintLook(float(np.median(widths)), float(black), float(white))
+    return PrintAppearance(float(np.median(widths)), float(black), float(white))
 
 
 _DIRECTIONS = np.arange(12) * np.pi / 12

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beltscape.commissioning.optics import BINS, TILES, assess_optics, map_sharpness
 from beltscape.files.json_text import to_plain
@@ -12,14 +13,14 @@ from beltscape.files.json_text import to_plain
 SHAPE = (240, 320)
 
 
-def make_speckle(seed: int = 1) -> np.ndarray:
+def make_speckle(seed: int = 1) -> NDArray[np.float32]:
     """Return a grey image (H, W) float32, 0 … 1, of dots of about three pixels."""
     noise = np.random.default_rng(seed).normal(size=SHAPE).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 1.2)
     return (0.5 + 0.2 * smooth / smooth.std()).clip(0, 1).astype(np.float32)
 
 
-def blur_by(image: np.ndarray, sigma_px: float) -> np.ndarray:
+def blur_by(image: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
     """Return the image blurred by a Gaussian; of σ 0 as it is."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32) if sigma_px else image
 
@@ -29,7 +30,7 @@ def test_sharpness_falls_with_blur_and_does_not_depend_on_contrast():
     medians = [map_sharpness(blur_by(sharp, blur)).median for blur in (0, 1, 2, 4)]
     assert medians == sorted(medians, reverse=True)
     assert medians[3] < 0.6 * medians[0]
-    weak = 0.5 + 0.4 * (sharp - 0.5)
+    weak = np.asarray(0.5 + 0.4 * (sharp - 0.5), np.float32)
     assert map_sharpness(weak).median == pytest.approx(medians[0], rel=0.01)
 
 

@@ -90,6 +90,16 @@ def test_flat_belt_takes_its_direction_from_its_edges() -> None:
     assert np.diff(found.across_mm)[0] == pytest.approx(500, abs=12)
 
 
+@pytest.mark.parametrize("yaw_deg", [-38.0, 17.0])
+def test_edges_in_two_corners_of_the_image_show_the_direction_together(yaw_deg: float) -> None:
+    # each is shorter than three tenths of the view, which one edge alone must have
+    scene = Scene(trough(800), floor_mm=-400.0, belt_yaw_deg=yaw_deg)
+    found = find_belt(depth_map(scene.depth_mm(), noise_mm=0.2), scene.camera)
+    assert found.yaw_from == "edges"
+    assert found.yaw_sigma_rad is not None
+    assert abs(turned(found, scene)[2]) < 3 * found.yaw_sigma_rad < 0.02
+
+
 def test_flat_belt_without_edges_reports_that_the_camera_gave_the_direction() -> None:
     scene = Scene(trough(2000), tilt_deg=(0.0, 3.0))
     found = find_belt(depth_map(scene.depth_mm(), noise_mm=0.2), scene.camera)

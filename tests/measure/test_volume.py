@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
@@ -185,6 +187,46 @@ def test_box_beyond_the_view_is_reported() -> None:
         MeasureError, match=r"--along 700 800: nothing was measured there; the belt was seen from"
     ):
         measured((body,), {"across_mm": None, "along_mm": (700.0, 800.0)})
+
+
+def test_sigma_holds_what_a_load_may_carry_beyond_the_view() -> None:
+    box = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 450.0)}
+    found = measured((Block((0.0, 0.0), (100.0, 2000.0, 60.0)),), box, noise={"noise_mm": 0.3})
+    beyond = 100 * 60 * (450 - 260)
+    assert found.causes.unseen_mm3 > 0.5 * beyond  # it may go on, as it does, or end
+    assert abs(found.volume_mm3 - 100 * 60 * 600) < 2 * found.sigma_mm3
+    assert measured((), box).causes.unseen_mm3 < 0.01 * beyond
+
+
+def test_sigma_holds_what_a_heap_that_rises_out_of_the_view_carries_beside_it() -> None:
+    heap, box = Block((0.0, 0.0), (640.0, 2000.0, 280.0)), {"across_mm": None, "along_mm": (-100.0, 100.0)}
+    found = measured((heap,), box, section=trough(700), noise={"noise_mm": 0.3})
+    missing = 640 * 200 * 280 - found.volume_mm3
+    assert found.across_mm[1] < 250
+    assert 0.5 * found.sigma_mm3 < missing < 2 * found.sigma_mm3
+    assert found.causes.unseen_mm3 > 0.9 * found.sigma_mm3
+
+
+def test_depths_that_may_be_false_beside_a_step_enter_sigma() -> None:
+    scene = Scene(TROUGH, (Block((0.0, 0.0), (100.0, 100.0, 60.0)),))
+    whole = depth_map(scene.depth_mm(), noise_mm=0.1)
+    belt = learn_belt([depth_map(Scene(TROUGH).depth_mm(), seed=1, noise_mm=0.1)], scene.camera)
+    points = belt.belt_from_core.apply(whole.points_mm(scene.camera))
+    z = np.where(np.abs(points[..., 0]) < 130, points[..., 2], 0.0)
+    rim = (z > 30) & ndimage.binary_dilation(z < 30, iterations=3)
+    flat = (z < 30) & ~ndimage.binary_dilation(z > 30, iterations=40)
+    sigmas = {
+        name: measure_volume(
+            replace(whole, confidence=np.where(doubtful, 0.6, 1.0).astype(np.float32)),
+            belt, scene.camera, VolumeSettings(), **MIDDLE,
+        ).causes.false_depths_mm3
+        for name, doubtful in (("rim", rim), ("flat", flat), ("none", np.zeros_like(rim)))
+    }  # fmt: skip
+    pixel_mm2 = float(np.prod(belt.belt_from_core.inverse().translation_mm[2] / scene.camera.focal_px))
+    high = 0.5 * 0.4 * 60 * rim.sum() * pixel_mm2  # half of what they would be too high by
+    assert sigmas["rim"] == pytest.approx(high, rel=0.3)
+    assert sigmas["flat"] < 0.02 * sigmas["rim"]
+    assert sigmas["none"] == 0
 
 
 def test_round_belts_are_measured_too() -> None:

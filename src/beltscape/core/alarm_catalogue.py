@@ -156,6 +156,7 @@ CAMERA_POSE_UNCHECKED = _add(
 )
 CAMERA_REDUNDANCY = _add("camera_redundancy", "geometry", _LOW)
 PROJECTOR_MOVED = _add("projector_moved", "geometry")
+TRAVEL_DIRECTION = _add("travel_direction", "geometry")
 ZERO_SHIFT = _add("zero_shift", "geometry")
 ZERO_TILT = _add("zero_tilt", "geometry")
 ZERO_DRIFT = _add("zero_drift", "geometry")

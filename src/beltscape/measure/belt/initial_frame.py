@@ -30,6 +30,12 @@ class EdgeYaw:
     """One standard deviation of the angle."""
 
 
+_MIN_EDGE_SHARE = 0.3
+"""An edge is as long as this share of the view; two parallel ones are it together."""
+_PARALLEL_RAD = float(np.deg2rad(0.5))
+"""The two edges of a belt differ by less in direction, besides the σ of both."""
+
+
 def fit_edge_yaw(
     plane_mm: NDArray[np.float64], off_mm: NDArray[np.float64], tolerance_mm: float
 ) -> EdgeYaw | None:
@@ -51,15 +57,30 @@ def fit_edge_yaw(
     lines = [
         line
         for offset in offsets
-        if np.ptp((line := points[np.abs(_project_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
-        and len(line) >= 40
+        if len(line := points[np.abs(_project_across(points, angle) - offset) < 2 * bin_mm]) >= 40
     ]
-    fits = [fit for line in lines if (fit := _fit_line(line, angle, 0.3 * length, step_mm)) is not None]
-    if not fits:
+    fits = [_fit_line(line, angle, step_mm) for line in lines]
+    return _join_lines(fits, _MIN_EDGE_SHARE * length)
+
+
+def _join_lines(lines: list[_Line], least_mm: float) -> EdgeYaw | None:
+    """Return the direction of one or two edges; None where neither is long enough.
+
+    A belt turned in the view shows its edges in two corners of the image: each is short, but they are parallel.
+    """
+    if not lines:
         return None
-    weights = np.array([1 / sigma**2 for _, sigma in fits])
-    mean = float(np.average([a for a, _ in fits], weights=weights))
-    return EdgeYaw(mean, float(np.sqrt(1 / weights.sum())))
+    angles = np.array([line.angle_rad for line in lines])
+    sigmas = np.array([line.sigma_rad for line in lines])
+    lengths = np.array([line.length_mm for line in lines])
+    is_parallel = np.ptp(angles) <= _PARALLEL_RAD + 3 * float(np.linalg.norm(sigmas))
+    use = lengths >= least_mm
+    if is_parallel and len(lines) > 1 and lengths.sum() >= least_mm:
+        use[:] = True
+    if not use.any():
+        return None
+    weights = 1 / sigmas[use] ** 2
+    return EdgeYaw(float(np.average(angles[use], weights=weights)), float(np.sqrt(1 / weights.sum())))
 
 
 def _border_mask(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool_]:
@@ -99,14 +120,19 @@ def _find_edge_direction(points: NDArray[np.float64], bin_mm: float) -> tuple[fl
     return best, offsets
 
 
-def _fit_line(
-    points: NDArray[np.float64], angle: float, least_mm: float, step_mm: float
-) -> tuple[float, float] | None:
-    """Return the angle (rad) of the line through the points and its standard deviation; None where it is short."""
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A straight border."""
+
+    angle_rad: float
+    sigma_rad: float
+    length_mm: float
+
+
+def _fit_line(points: NDArray[np.float64], angle: float, step_mm: float) -> _Line:
+    """Return the line through the points (N, 2), near the direction ``angle``."""
     across = _project_across(points, angle)
     along = -points[:, 0] * np.sin(angle) + points[:, 1] * np.cos(angle)
-    if np.ptp(along) < least_mm:
-        return None
     design = np.column_stack([np.ones_like(along), along - along.mean()])
     weight: NDArray[np.float64] = np.ones_like(along)
     slope, noise = 0.0, 0.0
@@ -120,7 +146,7 @@ def _fit_line(
     # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or
     # columns of pixels is located only to a fraction of a pixel over its whole length
     sigma = np.hypot(noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10), 0.3 * step_mm / np.ptp(along))
-    return float(angle - np.arctan(slope)), float(sigma)
+    return _Line(float(angle - np.arctan(slope)), float(sigma), float(np.ptp(along)))
 
 
 _MIN_SHARE = 0.5

@@ -20,11 +20,12 @@ from beltscape.measure.flow.location import FramePlacement, Location, MotionPred
 from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion_tracker import MotionTracker
 from beltscape.measure.flow.profile import Profile
-from beltscape.measure.flow.registration import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.registration import HighPassHeights, Shift, compute_high_pass
 from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
+from beltscape.measure.flow.travel_direction import TravelDirectionCheck
 from beltscape.measure.surface import ReliablePixels
 
 _COARSE_CELLS = 2
@@ -90,6 +91,7 @@ class BeltFlowMeter:
         self._foreign = ForeignObjectCheck(
             _COARSE_CELLS * reference.cell_mm, float(np.ptp(reference.seen_mm))
         )
+        self._travel = TravelDirectionCheck(reference.belt)
         self._faults = FaultAttribution(self._strips, self._buffer)
         self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm, self._foreign)
         self.findings: tuple[Finding, ...] = ()
@@ -214,6 +216,7 @@ class BeltFlowMeter:
             return []
         oldest = self._waiting.pop(0)
         if oldest.encoder_mm is None:
+            self._check_travel_direction(oldest, None)
             self._strips.add(self._cutter.make_unplaced_strip(oldest))
             return self._pop_finished()
         self._tracker.assume_direction([oldest, *self._waiting])
@@ -228,6 +231,7 @@ class BeltFlowMeter:
         before = self.motion.last
         location = self._tracker.locate(frame)
         place = location.place
+        self._check_travel_direction(frame, location.shift)
         if location.has_turned:
             self._buffer.clear()
         self._relocate(location)
@@ -260,6 +264,15 @@ class BeltFlowMeter:
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._pop_finished(seen_until)
+
+    def _check_travel_direction(self, frame: PushedFrame, shift: Shift | None) -> None:
+        """Degrade the frame's strip where the material does not move along the belt's axis."""
+        if frame.high_pass is None or not frame.is_measured:
+            return
+        finding = self._travel.follow(frame.high_pass, shift)
+        self.findings = (*self.findings, finding)
+        frame.findings.append(finding)
+        self._faults.add_findings(frame.number, (finding,))
 
     def _leave_out_foreign_objects(self, frame: PushedFrame, location: Location) -> None:
         """Leave what does not travel with the belt out of this frame's layer and of earlier ones."""

@@ -21,7 +21,7 @@ from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
-from beltscape.measure.volume.volume import EDGE_PX, STEP_SLOPE
+from beltscape.measure.volume.uncertainty import EDGE_PX, STEP_SLOPE
 
 _MIN_SHARE = 0.02
 """A row with a smaller measured share counts as not in view."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
@@ -32,124 +31,16 @@ from beltscape.measure.volume.load import (
     select_box,
 )
 from beltscape.measure.volume.settings import VolumeSettings
-
-STEP_SLOPE = float(np.tan(np.deg2rad(60.0)))
-"""A surface steeper than this slope is a step."""
-EDGE_PX = 0.1
-"""σ of the position of steps, in pixels, common to all: a matcher's bias at edges is the same at all of them."""
-_COMMON_SHARE = 0.2
-"""Share of the holes' σ that is common to all holes, because one network filled them all and occluded parts are
-alike; set on captures that the networks were not trained on."""
-_PATCH_CELLS = 8
-"""Errors within a hole are correlated only within blocks of this side, since the holes of a heap are connected."""
-
-
-@dataclass(frozen=True, slots=True)
-class VolumeSigma:
-    """Contributions to a volume's uncertainty, one standard deviation each, mm³."""
-
-    noise_mm3: float
-    """Noise of the loaded depth map, correlated over patches as large as on the empty belt."""
-    belt_mm3: float
-    """Uncertainty of the empty belt's cross-section and deviation."""
-    holes_mm3: float
-    """Uncertainty of the interpolated cells: fully correlated within a hole's block, a share common to all."""
-    edges_mm3: float
-    """The vertical area of all steps times a tenth of a pixel, common to the whole box."""
-    drift_mm3: float
-    """Slow errors of the depth map on the empty belt and of cameras that moved, common to the whole box."""
-    scale_mm3: float = 0.0
-    """The size of the calibration board, by its certificate: three times its relative σ, for lengths in all three
-    directions are measured by it."""
-    unseen_mm3: float = 0.0
-    """Volume beside a box that covers only part of the belt's width, were it loaded alike; 0 for a given box."""
-
-    @property
-    def total_mm3(self) -> float:
-        """Return the root of the sum of squares."""
-        parts = (
-            self.noise_mm3,
-            self.belt_mm3,
-            self.holes_mm3,
-            self.edges_mm3,
-            self.drift_mm3,
-            self.scale_mm3,
-            self.unseen_mm3,
-        )
-        return float(np.sqrt(sum(part**2 for part in parts)))
-
-
-def compute_volume_sigma(
-    load: Load,
-    filled: Filled,
-    weights: IntegrationWeights,
-    belt: Belt,
-    factor: NDArray[np.float64] | None = None,
-) -> VolumeSigma:
-    """Return the contributions to σ of the weighted integral of ``filled``.
-
-    ``factor`` (Ny, Nx), where given, multiplies the weights, as for moments of the load.
-    """
-    grid = load.grid
-    cell_mm = grid.cell_mm
-    weight = np.outer(weights.along, weights.across)
-    if factor is not None:
-        weight = weight * factor
-    patch_mm2 = (belt.correlation_px * cell_mm) ** 2
-    patch_cells = max(patch_mm2 / cell_mm**2, 1.0)
-    noise = np.sqrt(np.sum((weight * np.nan_to_num(load.noise_mm)) ** 2) * patch_cells)
-    belt_sigma = _compute_belt_sigma(weight, belt.surface_sigma_mm(grid.x_mm, grid.y_mm), grid.x_mm, belt)
-    holes = _compute_hole_sigma(weight * np.where(load.measured, 0.0, filled.sigma_mm), ~load.measured)
-    # the narrow gaps between neighbouring points are holes too, with a smaller σ
-    narrow = load.measured & filled.hole
-    holes = np.hypot(holes, _compute_hole_sigma(weight * np.where(narrow, filled.sigma_mm, 0.0), narrow))
-    edges = EDGE_PX * cell_mm * abs(_sum_step_area_mm2(filled, weights, cell_mm, factor))
-    drift = belt.drift_mm * abs(float(weight.sum()))
-    return VolumeSigma(float(noise), belt_sigma, float(holes), float(edges), float(drift))
-
-
-def _compute_belt_sigma(
-    weight: NDArray[np.float64], sigma_mm: NDArray[np.float64], x_mm: NDArray[np.float64], belt: Belt
-) -> float:
-    """Return σ of the belt's integral: fully correlated along each node of its section, independent across."""
-    node = np.rint(np.interp(x_mm, belt.x_mm, np.arange(len(belt.x_mm)))).astype(np.intp)
-    return float(np.sqrt(np.sum(np.bincount(node, (weight * sigma_mm).sum(axis=0)) ** 2)))
-
-
-def _compute_hole_sigma(sigma_mm3: NDArray[np.float64], hole: NDArray[np.bool_]) -> float:
-    """Return σ of a sum over holes: fully correlated within each block of a hole, with a share common to all."""
-    label = np.zeros(hole.shape, np.int32)
-    ndimage.label(hole, np.ones((3, 3)), output=label)
-    rows, columns = int(hole.shape[0]), int(hole.shape[1])
-    block = (np.arange(rows)[:, None] // _PATCH_CELLS) * (columns // _PATCH_CELLS + 1) + np.arange(columns)[
-        None
-    ] // _PATCH_CELLS
-    own = np.unique(label[hole].astype(np.int64) * (block.max() + 1) + block[hole], return_inverse=True)[1]
-    sums = np.bincount(own.ravel(), sigma_mm3[hole]) if hole.any() else np.zeros(1)
-    return float(np.sqrt(np.sum(sums**2) * (1 - _COMMON_SHARE**2) + (_COMMON_SHARE * sums.sum()) ** 2))
-
-
-def _sum_step_area_mm2(
-    filled: Filled, weights: IntegrationWeights, cell_mm: float, factor: NDArray[np.float64] | None
-) -> float:
-    """Return the vertical area of the steps within the box, weighted by the factor."""
-    own = np.ix_(weights.along > 0, weights.across > 0)
-    inside = filled.value_mm[own]
-    times = np.ones(inside.shape) if factor is None else factor[own]
-    total = 0.0
-    for axis in (0, 1):
-        rise = np.abs(np.diff(inside, axis=axis))
-        here = times[1:] if axis == 0 else times[:, 1:]
-        total += float(np.sum(np.where(rise > STEP_SLOPE * cell_mm, rise * here, 0.0)))
-    return cell_mm * total
-
+from beltscape.measure.volume.uncertainty import (
+    VolumeSigma,
+    compute_beside_mm3,
+    compute_extrapolated_mm3,
+    compute_false_depths_mm3,
+    compute_volume_sigma,
+)
 
 _MIN_SIGNIFICANCE = 3.0
 """A volume below this multiple of its σ may be no load at all: it has no centre."""
-_MIN_VIEW_SHARE = 0.5
-"""Least share of the core's view that a belt is assumed to fill, where less of it was measured when empty."""
-_MIN_WIDTH_SHARE = 0.75
-"""A box chosen automatically covers this share of the belt's width, unless the frame is sparse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,12 +162,11 @@ def measure_volume(
     weights = box.integration_weights(load.grid)
     area = filled.value_mm @ weights.across
     total = float(weights.along @ area)
-    # a systematic error of all pixels of the loaded frame adds to the belt's slow errors
-    belt_with_systematic = replace(belt, drift_mm=float(np.hypot(belt.drift_mm, loaded.systematic_mm)))
-    causes = compute_volume_sigma(load, filled, weights, belt_with_systematic)
-    causes = replace(causes, scale_mm3=3 * scale_sigma * abs(total))
+    causes = _combine_causes(loaded, load, filled, weights, belt, camera, box)
+    unseen = compute_extrapolated_mm3(load, filled, weights)
     if across_mm is None:
-        causes = replace(causes, unseen_mm3=_compute_unseen_mm3(total, box, belt, camera))
+        unseen += compute_beside_mm3(weights.along @ filled.value_mm, load.grid.x_mm, box, belt, camera)
+    causes = replace(causes, unseen_mm3=unseen, scale_mm3=3 * scale_sigma * abs(total))
     heights = average_load(load, filled, block_cells)
     interpolated = average_blocks(~load.measured, block_cells) > 0.5
     has_load = total > _MIN_SIGNIFICANCE * causes.total_mm3
@@ -314,13 +204,21 @@ def _place_box(
     return load, select_box(load.measured, load.grid, across_mm, along_mm)
 
 
-def _compute_unseen_mm3(total_mm3: float, box: Box, belt: Belt, camera: Camera) -> float:
-    """Return the volume beside a box much narrower than the belt, if the belt were loaded alike there; else 0."""
-    distance = float(belt.belt_from_core.inverse().translation_mm[2])
-    view = distance * camera.size_px[0] / float(camera.focal_px[0])
-    width = max(belt.across_mm[1] - belt.across_mm[0], _MIN_VIEW_SHARE * view)
-    own = box.across_mm[1] - box.across_mm[0]
-    return abs(total_mm3) * (width / own - 1) if own < _MIN_WIDTH_SHARE * width else 0.0
+def _combine_causes(
+    loaded: DepthMap,
+    load: Load,
+    filled: Filled,
+    weights: IntegrationWeights,
+    belt: Belt,
+    camera: Camera,
+    box: Box,
+) -> VolumeSigma:
+    """Return the contributions of the depth map, its holes and the empty belt."""
+    # a systematic error of all pixels of the loaded frame adds to the belt's slow errors
+    belt_with_systematic = replace(belt, drift_mm=float(np.hypot(belt.drift_mm, loaded.systematic_mm)))
+    causes = compute_volume_sigma(load, filled, weights, belt_with_systematic)
+    false_depths = compute_false_depths_mm3(loaded, camera, belt, box, load.grid.cell_mm)
+    return replace(causes, false_depths_mm3=false_depths)
 
 
 def _compute_centre(

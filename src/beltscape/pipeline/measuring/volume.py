@@ -60,13 +60,20 @@ def measure_volume_of_frames(
     return volume
 
 
+_MUCH_UNSEEN = 0.7
+"""Share of σ from which on the belt beside the box is named: it is as much as all other causes together."""
+
+
 def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
     """Warn if the box contains only a part of the belt, or little of it was measured."""
-    if volume.causes.unseen_mm3 > 0:
+    if volume.causes.unseen_mm3 > _MUCH_UNSEEN * volume.sigma_mm3:
         low, high = volume.across_mm
+        near, far = volume.along_mm
         reporter.warn(
-            f"{loaded}: only {high - low:.0f} mm of the belt's width were measured well enough to count; σ holds "
-            "what the rest may carry; see why the frame is sparse, or give the box with --across"
+            f"{loaded}: the load is not bounded by what was measured: the box takes {high - low:.0f} mm of the "
+            f"belt's width and {far - near:.0f} mm along it; σ holds what the rest may carry; see why the frame is "
+            "sparse, whether the load rises out of the view or leaves the light, or give a box with --across and "
+            "--along"
         )
     if not np.isfinite(volume.fullness.level):
         low, high = volume.belt.across_mm
@@ -106,6 +113,7 @@ def make_volume_document(volume: Volume) -> Mapping[str, Any]:
             "holes": volume.causes.holes_mm3,
             "edges": volume.causes.edges_mm3,
             "drift": volume.causes.drift_mm3,
+            "false_depths": volume.causes.false_depths_mm3,
             "scale": volume.causes.scale_mm3,
             "unseen": volume.causes.unseen_mm3,
         },

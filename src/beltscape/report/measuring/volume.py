@@ -99,8 +99,9 @@ def make_sigma_table(volume: Volume) -> Table:
         ("noise of the depth map", causes.noise_mm3),
         ("the empty belt", causes.belt_mm3),
         ("slow errors of the depth map", causes.drift_mm3),
-        ("size of the calibration board", volume.causes.scale_mm3),
-        ("belt beside the box", causes.unseen_mm3),
+        ("depths that may be false", causes.false_depths_mm3),
+        ("size of the calibration board", causes.scale_mm3),
+        ("what nothing bounds, in the box or beside it", causes.unseen_mm3),
         ("together (root of the sum of squares)", volume.sigma_mm3),
     )
     return Table(["cause", "σ, litres"], [[name, f"{value * 1e-6:.4f}"] for name, value in rows])

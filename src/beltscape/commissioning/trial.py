@@ -1,13 +1,12 @@
 """The trial plant: the shipped captures stand for cameras, board, empty belt and loads of known volume.
 
-Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant without another one
-of the auxiliary cameras. It shows how a commissioning goes, not how good a plant is.
+Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant with noise of its
+own in every image. It shows how a commissioning goes, not how good a plant is.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from beltscape.commissioning.state import CommissionState, RunAnswer
 from beltscape.commissioning.steps import EMPTY, MOVING, VIEWS, name_flow
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import DEMO_FOLDER
+from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import read_json
 
 CAPTURES = "trial"
@@ -25,7 +25,8 @@ _SCENES = {VIEWS: "calibration", EMPTY: "belt_empty", MOVING: "belt_loaded"}
 """Capture of the trial → the shipped one."""
 _LOADS = {"rocks": "belt_loaded", "module": "module"}
 """Load of the material test → the shipped capture."""
-_REPETITIONS = 2
+_REPETITIONS, _NOISE_LEVELS = 2, 1.0
+"""Runs of each load, and σ of the noise that the later ones get: about that of the images themselves."""
 _ENCODER = "frame,timestamp_s,belt_position_mm\n000,0,0\n"
 """A single instant."""
 _SIGMA_PERCENT = 0.1
@@ -36,7 +37,7 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
     """Copy the shipped captures into the folder, and return the settings of the trial plant."""
     folder = state.folder / CAPTURES
     for name, scene in _SCENES.items():
-        _copy(DEMO_FOLDER / scene, folder / name, ())
+        _copy(DEMO_FOLDER / scene, folder / name)
     write_text(folder / MOVING / "encoder.csv", _ENCODER)
     for name in ("board.toml", "truth/volume.json"):
         shutil.copy(DEMO_FOLDER / name, folder)
@@ -53,18 +54,29 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
 
 
 def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
-    """Copy a load's images but those of one auxiliary camera, another one in each repetition, as one run."""
-    scene, name = DEMO_FOLDER / _LOADS[load], f"{load}_{number + 1}"
-    _core, *auxiliaries = sorted(path.name for path in scene.iterdir() if path.is_dir())
-    _copy(scene, folder / name, auxiliaries[number :: len(auxiliaries)])
+    """Copy a load's images as one run; in repetitions with noise of their own."""
+    name = f"{load}_{number + 1}"
+    if not (folder / name).is_dir():
+        _copy(DEMO_FOLDER / _LOADS[load], folder / name)
+        if number:
+            _add_noise(folder / name, number)
     write_text(folder / name / "encoder.csv", _ENCODER)
     whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
     return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
 
 
-def _copy(scene: Path, to: Path, without: Sequence[str]) -> None:
+def _add_noise(capture: Path, seed: int) -> None:
+    """Add noise to all images of a capture."""
+    rng = np.random.default_rng(seed)
+    for path in sorted(capture.glob("*/*.png")):
+        image = read_image(path)
+        noisy = image + rng.normal(0.0, _NOISE_LEVELS, image.shape)
+        write_image(path, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+
+
+def _copy(scene: Path, to: Path) -> None:
     if not to.is_dir():
-        shutil.copytree(scene, to, ignore=shutil.ignore_patterns(*without))
+        shutil.copytree(scene, to)
 
 
 def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import pytest
 from beltscape.commissioning import live, trial
 from beltscape.commissioning.serving import open_commission
 from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.steps import STEPS
 from beltscape.service.access.accounts import User
 from beltscape.service.settings import read_texts
 from tests.once import make_once
@@ -72,6 +73,64 @@ def test_the_trial_plant_is_walked_to_the_board_and_its_views_outlive_the_browse
         assert taken >= 2
         check_phone(desk, taken)
         check_keyboard(desk)
+        desk.browser.close()
+        assert desk.errors == []
+
+
+RESULTS = {
+    "cameras": {"cameras": 2, "names": ["cam0", "cam1"], "core": "cam0"},
+    "images": {"cameras": 2, "faults": ["cam1"], "evenness": 0.7},
+    "trigger": {"instants": 50, "incomplete": 0, "dropped": 0, "allowed_skew_ms": 2.0},
+    "board": {"board": "charuco"},
+    "calibrate": {"views": 12, "held_out_px": 0.01, "sigma_mm": 0.02, "worst_mm": 0.04, "uncovered": 0.0},
+    "rig": {
+        "views": 12,
+        "held_out_px": 0.01,
+        "sigma_mm": 0.02,
+        "worst_mm": 0.04,
+        "uncovered": 0.0,
+        "doubts": 0,
+    },
+    "empty": {"width_mm": 800.0, "noise_mm": 0.02, "frames": 5},
+    "project": {"parts": {"rig": "2 cameras", "page": "127.0.0.1"}},
+    "live": {"records": 9, "litres": 18.4, "sigma_litres": 0.9, "belt_m": 2.5, "missing_share": 0.0},
+    "material": {"errors": [{"key": "volume_error", "value": -0.42, "sigma": 1.7}], "notes": ["no_zero"]},
+    "certificate": {"number": "2026-0001", "days": 365.0},
+}
+"""What each step found, as `runner` records it."""
+SHOWN = {"images": "cam1", "rig": "0.01", "live": "18.4", "material": "0.4", "certificate": "2026-0001"}
+"""A part of what the page then shows."""
+
+
+@pytest.mark.browser
+@needs_chromium
+def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    state = CommissionState(tmp_path / "plant")
+    for step in STEPS:
+        for name in step.outputs:
+            path = tmp_path / "plant" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("{}")
+        state.finish(step.name, RESULTS[step.name], ())
+    (tmp_path / "plant/test/report.html").write_text("<!doctype html><title>test</title>")
+    with open_commission(state, 0, "en") as (server, _, access), sync_playwright() as playwright:
+        access.accounts.add("eva", "engineer", PASSWORD)
+        desk = Desk(playwright, server.address, access.sessions.open(User("eva", "engineer"), ""))
+        page = desk.open("/#board")
+        for step in STEPS:
+            page.click(f'#steps li[data-key="{step.name}"] button')
+            page.wait_for_selector(f'#steps li[data-key="{step.name}"] button[aria-current="step"]')
+            shown = page.inner_text("main")
+            assert "commission." not in shown, "a text is missing"
+            assert "undefined" not in shown
+            assert "NaN" not in shown
+            if step.name != "board":
+                page.wait_for_selector("#step-facts dd")
+            assert SHOWN.get(step.name, "") in page.inner_text("#step-facts")
+        page.click('#steps li[data-key="material"] button')
+        page.wait_for_selector('#step-files a[href="api/commission/files/test/report.html"]')
         desk.browser.close()
         assert desk.errors == []
 

@@ -84,3 +84,22 @@ def test_without_views_the_step_says_so(plant, capsys):
     shutil.rmtree(plant / "trial/calibration")
     assert main(["commission", str(plant), "--step", "calibrate"]) == 2
     assert "calibration" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(plant, capsys):
+    for step in STEPS:
+        if step.name not in ("cameras", "board"):
+            capsys.readouterr()
+            assert main(["commission", str(plant), "--step", "next", "--json"]) == 0, step.name
+            document = json.loads(capsys.readouterr().out)
+            assert document["step"] == step.name
+    assert [one["status"] for one in document["steps"]] == ["done"] * len(STEPS)
+    assert Path(plant / document["result"]["page"]).is_file()
+    state = CommissionState(plant)
+    record = state.get_record("material")
+    assert record is not None
+    for error in record["result"]["errors"]:
+        assert abs(error["value"]) < 3 * error["sigma"], error
+    (plant / "belt.json").write_text((plant / "belt.json").read_text() + "\n")
+    assert [get_status(state, step) for step in STEPS[7:]] == ["outdated"] * 4

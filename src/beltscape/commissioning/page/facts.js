@@ -32,6 +32,6 @@ export function format_facts({ name, result }) {
   const facts = Object.entries(FORMATS).filter(([key]) => result[key] !== undefined && result[key] !== null).map(([key, format]) => [t(`commission.fact.${key}`), format(result[key])]);
   if (result.litres !== undefined) facts.unshift([t("commission.fact.litres"), with_unit(format_measured(result.litres, result.sigma_litres), "litre")]);
   if (name === "project") facts.push(...Object.entries(result.parts));
-  for (const error of name === "material" ? result.errors : []) facts.push([t(`commission.fact.error_${error.key.includes("mass") ? "mass" : "volume"}`), `${format_measured(error.value, error.u)}\u00a0%`]);
+  for (const error of name === "material" ? result.errors : []) facts.push([t(`commission.fact.error_${error.key.includes("mass") ? "mass" : "volume"}`), `${format_measured(error.value, error.sigma)}\u00a0%`]);
   return facts;
 }

@@ -55,13 +55,15 @@ export function receive(state) {
 
 async function read_state() {
   clearTimeout(timer);
+  let state = null;
   try {
-    receive(await get("api/commission"));
+    state = await get("api/commission");
   } catch (error) {
     if (error.status === 401) location.href = "login";
   }
-  show_link();
   timer = setTimeout(read_state, store.state?.views ? BUSY_MS : PERIOD_MS);
+  if (state) receive(state);
+  show_link();
 }
 
 function start_tools() {

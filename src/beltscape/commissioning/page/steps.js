@@ -72,7 +72,7 @@ function show_item(item, step, number) {
   if (step.name !== chosen) button.removeAttribute("aria-current");
   else if (!button.hasAttribute("aria-current")) {
     button.setAttribute("aria-current", "step");
-    item.scrollIntoView({ block: "nearest", inline: "center" });
+    requestAnimationFrame(() => item.parentElement.scrollTo({ left: item.offsetLeft - 60 })); // on a phone they stand in a row
   }
 }
 

@@ -87,13 +87,17 @@ def test_without_views_the_step_says_so(plant, capsys):
 
 
 @pytest.mark.thorough
-def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(plant, capsys):
+def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(tmp_path, monkeypatch, capsys):
+    # the shipped captures: four cameras of half the pixels leave too much of the belt unmeasured
+    monkeypatch.setattr(live, "PERIOD_S", 0.0)
+    plant = tmp_path / "plant"
+    assert main(["commission", str(plant), "--set", "source=trial"]) == 0
+    document: dict = {}
     for step in STEPS:
-        if step.name not in ("cameras", "board"):
-            capsys.readouterr()
-            assert main(["commission", str(plant), "--step", "next", "--json"]) == 0, step.name
-            document = json.loads(capsys.readouterr().out)
-            assert document["step"] == step.name
+        capsys.readouterr()
+        assert main(["commission", str(plant), "--step", "next", "--json"]) == 0, step.name
+        document = json.loads(capsys.readouterr().out)
+        assert document["step"] == step.name
     assert [one["status"] for one in document["steps"]] == ["done"] * len(STEPS)
     assert Path(plant / document["result"]["page"]).is_file()
     state = CommissionState(plant)

@@ -31,8 +31,9 @@ REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 
 SLOW_FOLDERS = {
-    "api", "benchmarks", "calibration", "cli", "deploy", "docs", "evaluate", "health", "measure", "pipeline", "plan",
-    "report", "reprocessing", "service", "simulate", "sinks", "site", "sources", "stereo", "tools", "workers",
+    "api", "benchmarks", "calibration", "cli", "commissioning", "deploy", "docs", "evaluate", "health", "measure",
+    "pipeline", "plan", "report", "reprocessing", "service", "simulate", "sinks", "site", "sources", "stereo",
+    "tools", "workers",
 }  # fmt: skip
 """Folders of tests that work on whole captures or with other processes."""
 BROWSER_FIXTURES = {"browser", "page", "chromium"}

@@ -31,7 +31,8 @@ RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeli
                  "certify object": "tests/pipeline/certifying/test_known_volume.py",
                  "drift": "tests/pipeline/test_drift_command.py",  # of a plant that ran for four hours
                  "reload": "tests/pipeline/live/test_reload.py", "site": "tests/site/test_services.py",
-                 "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
+                 "record": "tests/sources/genicam/test_record_command.py",
+                 "commission trial_plant --step calibrate": "tests/commissioning/test_terminal.py"}  # fmt: skip
 """Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""
 SCENES = {"calibration", "module", "belt_empty", "belt_loaded", "belt_moving"}
 """A scene's name is rendered from ``scenes/NAME.toml``, the same scene seen by fewer cameras with fewer rocks."""
@@ -133,6 +134,9 @@ class Reader:
         asked = " ".join(words)
         if any(asked.startswith(name) for name in RUN_ELSEWHERE) or "--rerun" in words:
             parser_of(words[0]).parse_args(words[1:])
+            return ""
+        if words[0] == "commission" and len(words) == 2:  # the page: tests/commissioning/test_page.py
+            demand((self.folder / words[1] / "commission.json").is_file(), "no such plant")
             return ""
         if words[0] == "run" and "--check" not in words and self.asks:
             self.address = self.processes.enter_context(run_service(self.folder / "live.toml"))

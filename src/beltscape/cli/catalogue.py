@@ -50,6 +50,7 @@ GROUPS = {
         "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
     },
     "operating": {
+        "commission": "from bare cameras to a certificate, step by step: one local page, or the terminal",
         "cameras": "cameras on the network, and whether a project's settings fit them",
         "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",
         "run": "live: cameras → records → history, alarms and the operator's page",
@@ -119,6 +120,11 @@ EXAMPLES = {
     ),
     "evaluate": ("evaluate depth depth_loaded --truth loaded/truth",),
     "view": ("view depth_loaded --belt belt.json",),
+    "commission": (
+        "commission plant --set source=trial --step cameras",
+        "commission plant",
+        "commission plant --step next",
+    ),
     "cameras": ("cameras --check project.toml",),
     "record": (
         "record project.toml --out calibration --board board.toml   (space or Enter takes a shot, q ends)",

@@ -30,16 +30,20 @@ SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDE
 PAGE = (FOLDER / "index.html").read_text(encoding="utf-8")
 ACCESS_PAGE = FOLDER.parent / "access" / "page"
 SITE_PAGE = FOLDER.parents[1] / "site" / "page"
+COMMISSION_PAGE = FOLDER.parents[1] / "commissioning" / "page"
 CODE = (
     PAGE
     + "".join(SCRIPTS.values())
     + "".join(
         path.read_text(encoding="utf-8")
-        for path in sorted([*ACCESS_PAGE.rglob("*"), *SITE_PAGE.rglob("*")])
+        for path in sorted([*ACCESS_PAGE.rglob("*"), *SITE_PAGE.rglob("*"), *COMMISSION_PAGE.rglob("*")])
         if path.suffix in (".js", ".html")
     )
 )
-SITE_CODE = [path.read_text(encoding="utf-8") for path in sorted(SITE_PAGE.rglob("*.*"))]
+SITE_CODE = [
+    path.read_text(encoding="utf-8")
+    for path in sorted([*SITE_PAGE.rglob("*.*"), *COMMISSION_PAGE.rglob("*.*")])
+]
 KEY = r"[a-z]+(?:\.[a-z0-9_]+)+"
 
 

@@ -99,6 +99,13 @@ class MeasuringVolume:
 
 def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
     """Return the core camera's view on the grid of depth maps, over the boards' depths; for an unknown belt."""
+    depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
+    near, far = np.quantile(depths, [NEAR, FAR]).tolist()
+    return make_volume_of_view(rig, (near, far))
+
+
+def make_volume_of_view(rig: Rig, depths_mm: tuple[float, float]) -> MeasuringVolume:
+    """Return the core camera's view on the grid of depth maps, at two depths."""
     camera = rig.core_camera
     width, height = camera.size_px
     rows = max(3, round(COLUMNS * height / width))
@@ -106,9 +113,8 @@ def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays = (grid - camera.center_px) / camera.focal_px  # of the undistorted grid, on which depth is measured
     rays = rays[np.isfinite(camera.distort(rays)[:, 0])]
-    depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
     rays = np.column_stack([rays, np.ones(len(rays))])
-    points = np.concatenate([depth * rays for depth in np.quantile(depths, [NEAR, FAR])])
+    points = np.concatenate([depth * rays for depth in depths_mm])
     return MeasuringVolume(f"the whole view of {rig.core}", points, is_given=False)
 
 

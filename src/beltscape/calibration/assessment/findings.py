@@ -25,7 +25,7 @@ from beltscape.core.arrays import Array
 from beltscape.core.checks import is_dict
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
-from beltscape.target.board import Board, list_triples
+from beltscape.target.board import Board, corner_points_mm, list_triples
 
 MAX_CHI2, MIN_OPEN_PX = 6.0, 0.25
 """A path or loop is open if its χ² per degree of freedom and its angle in the image exceed these.
@@ -162,6 +162,9 @@ MAX_GROWTH, MIN_LIMIT_PX = 3.0, 0.02
 """Limit of a rig's residuals, as a multiple of those on its held-out views, and the least limit in px."""
 MAX_SHARE_WITHOUT = 0.5
 """A camera is reported if the residuals without it fall below this share, of all and of those without another."""
+MOVED_PX = 0.4
+"""σ of the residuals from which a camera is said to have been moved while views are taken: few views leave a lens
+uncertain by up to 0.2 px where the board has not been."""
 MAX_SCALE_ERROR = 0.002
 """Largest relative error of the mean triangulated edge; sound sets have at most 0.0005."""
 LENS = (
@@ -214,7 +217,27 @@ def describe_scale(board: Board, factor: float) -> str:
 
 def _describe_displacement(rig: Rig, detections: BoardDetections, board_mm: Array) -> str:
     """Return the description of the displaced camera, as far as it can be isolated."""
-    names = [name for name in rig.cameras if name in detections.cameras and detections.views[name]]
+    camera, without_px = _isolate_displacement(rig, detections, board_mm)
+    if camera:
+        return (
+            f"camera {camera} does not fit the others (without it they fit within {without_px:.2g} px): "
+            "it or its lens was moved, its folder is another camera's, or it is not triggered with the others; fix "
+            "it and calibrate anew"
+        )
+    names = _list_seeing(rig, detections)
+    return (
+        f"each of {', '.join(names)} fits by itself, together they do not: a camera was moved, folders are swapped, "
+        "or they are not triggered at the same instant; calibrate anew"
+    )
+
+
+def _list_seeing(rig: Rig, detections: BoardDetections) -> list[str]:
+    return [name for name in rig.cameras if name in detections.cameras and detections.views[name]]
+
+
+def _isolate_displacement(rig: Rig, detections: BoardDetections, board_mm: Array) -> tuple[str, float]:
+    """Return the camera without which the others fit, and within how many px; an empty name where none stands out."""
+    names = _list_seeing(rig, detections)
     whole = _fit_together(rig, detections, names, board_mm)
     without = {
         name: _fit_together(rig, detections, [n for n in names if n != name], board_mm)
@@ -223,15 +246,23 @@ def _describe_displacement(rig: Rig, detections: BoardDetections, board_mm: Arra
     }
     ordered = sorted(without, key=lambda name: without[name])
     if ordered and without[ordered[0]] < MAX_SHARE_WITHOUT * min(whole, without[ordered[1]]):
-        return (
-            f"camera {ordered[0]} does not fit the others (without it they fit within {without[ordered[0]]:.2g} px): "
-            "it or its lens was moved, its folder is another camera's, or it is not triggered with the others; fix "
-            "it and calibrate anew"
-        )
-    return (
-        f"each of {', '.join(names)} fits by itself, together they do not: a camera was moved, folders are swapped, "
-        "or they are not triggered at the same instant; calibrate anew"
-    )
+        return ordered[0], without[ordered[0]]
+    return "", float("nan")
+
+
+def find_displaced_camera(rig: Rig, detections: BoardDetections, board: Board) -> str:
+    """Return the camera that was moved since a rig was calibrated, by a few views; empty: none contradicts.
+
+    Of two cameras that contradict each other it is not known which was moved; then it is empty, too. So it is where a
+    camera does not fit its own views: then its lens is not known there.
+    """
+    board_mm = corner_points_mm(board)
+    names = _list_seeing(rig, detections)
+    if len(names) < 3 or _fit_together(rig, detections, names, board_mm) <= MOVED_PX:
+        return ""
+    camera, _ = _isolate_displacement(rig, detections, board_mm)
+    is_lens = camera and _fit_alone(rig, detections, camera, board, board_mm).sigma_px > MOVED_PX
+    return "" if is_lens else camera
 
 
 def _fit_together(rig: Rig, detections: BoardDetections, names: Iterable[str], board_mm: Array) -> float:

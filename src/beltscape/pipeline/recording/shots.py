@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, TextIO
 
+from beltscape.calibration.detection.corners import Corners
 from beltscape.calibration.detection.detect_capture import (
     SURE_CORNERS,
     SURE_RATIO,
@@ -116,16 +117,22 @@ class CornerCounter:
 
     def count(self, images: Mapping[str, Image]) -> dict[str, int]:
         """Return the number of corners by camera, from the front or from behind, under the best print variant."""
-        counts: list[dict[str, int]] = []
+        corners = self.detect(images)
+        return {name: len(corners.get(name, ())) for name in images}
+
+    def detect(self, images: Mapping[str, Image]) -> dict[str, Corners]:
+        """Return the corners by camera under the best print variant; a camera that sees none is absent."""
+        found: list[dict[str, Corners]] = []
         for detect in self._detectors:
-            found = {name: detect(image) for name, image in images.items()}
-            counts.append({name: len(corners) if corners else 0 for name, corners in found.items()})
-        self._totals = [total + sum(own.values()) for total, own in zip(self._totals, counts, strict=True)]
-        best = max(range(len(counts)), key=lambda i: self._totals[i])
+            corners = {name: detect(image) for name, image in images.items()}
+            found.append({name: own for name, own in corners.items() if own})
+        counts = [sum(map(len, own.values())) for own in found]
+        self._totals = [total + count for total, count in zip(self._totals, counts, strict=True)]
+        best = max(range(len(found)), key=lambda i: self._totals[i])
         others = [total for i, total in enumerate(self._totals) if i != best]
         if self._totals[best] >= SURE_CORNERS and self._totals[best] > SURE_RATIO * max(others, default=0):
             self._detectors, self._totals = [self._detectors[best]], [self._totals[best]]
-        return counts[best]
+        return found[best]
 
 
 _PATIENCE_S = 30.0

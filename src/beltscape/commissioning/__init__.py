@@ -1,0 +1,7 @@
+"""Commissioning of a plant: named steps from bare cameras to a certificate, on one local page and in the terminal.
+
+`steps` is the list: what each step needs, runs and leaves behind; `state` keeps what was answered and finished in
+`commission.json`; `runner` runs a step, which is one or several of the program's own commands; `trial` is a plant of
+the shipped captures. `live` shows what the cameras see, `optics` judges it, `guided` takes the views of the board;
+`app` serves the page.
+"""

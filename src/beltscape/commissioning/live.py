@@ -1,0 +1,207 @@
+"""What the cameras see now: the source of a commissioning's pictures, and the newest of them.
+
+A folder of captures stands for cameras: its views of the board are shown one after the other as somebody would carry
+the board, blurred by motion in between and then at rest.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.steps import CAMERAS_FILE, VIEWS, find_capture
+from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.events import CameraHealth
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.interfaces import LiveSource
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.files.capture import Capture, read_capture
+from beltscape.files.images import read_image
+
+STILL_FRAMES, MOVING_FRAMES = 3, 1
+"""Frame sets of a view at rest, and of the motion towards it."""
+PERIOD_S = 0.25
+"""Time from one frame set of a carried board to the next: slow enough for the detection of five cameras."""
+_BLUR = 0.04
+"""Length of the motion blur over the image's width."""
+_CARRY_S = 20.0
+"""Longest wait of a carried board for its view to be looked at: a busy machine takes seconds."""
+_PICTURE_PX = 640
+"""Longer side of a picture for the page."""
+
+
+class CarriedBoard:
+    """Live source that shows the views of a recorded capture as if the board were carried about, again and again."""
+
+    def __init__(self, capture: Capture) -> None:
+        self._capture, self._period_s = capture, PERIOD_S
+        self._closed = threading.Event()
+        self.rounds = 0
+        """How often all views were shown."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the capture's cameras."""
+        return self._capture.cameras
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        number = 0
+        while not self._closed.is_set():
+            for frame in self._capture.frames:
+                images = self._read(frame)
+                moving = {name: _blur(image) for name, image in images.items()}
+                for shown in [moving] * MOVING_FRAMES + [images] * STILL_FRAMES:
+                    if self._closed.wait(self._period_s):
+                        return
+                    yield FrameSet(f"{number:06d}", shown, time.monotonic_ns(), recorded=frame)
+                    number += 1
+            self.rounds += 1
+
+    def _read(self, frame: str) -> dict[str, Image]:
+        files = self._capture.files
+        return {name: read_image(own[frame]) for name, own in files.items() if frame in own}
+
+    def health(self) -> Mapping[str, CameraHealth]:
+        """Return that all cameras are well."""
+        rate = 1 / self._period_s if self._period_s else float("nan")
+        return {name: CameraHealth(name, "ok", 0, 0, rate, float("nan"), "") for name in self.cameras}
+
+    def close(self) -> None:
+        """Stop before the next frame set."""
+        self._closed.set()
+
+
+def _blur(image: Image) -> Image:
+    width = max(3, round(_BLUR * image.shape[1]))
+    return np.asarray(cv2.blur(image, (width, 1)), image.dtype)
+
+
+def open_source(state: CommissionState) -> LiveSource:
+    """Open the cameras, or the capture that stands for them; InputError where there are none yet."""
+    settings = state.settings
+    if settings.source is None:
+        raise InputError("no cameras yet: finish the step cameras first")
+    if settings.source != "cameras":
+        return CarriedBoard(read_capture(state.folder / find_capture(settings, VIEWS)))
+    from beltscape.pipeline.recording.project import read_recording_project
+    from beltscape.sources.genicam.source import open_cameras
+
+    project = read_recording_project(state.folder / CAMERAS_FILE)
+    return open_cameras(project.cameras, settings.core or project.core)
+
+
+class LiveView:
+    """Keeps the newest frame set of a source, in a thread of its own, while it is open."""
+
+    def __init__(self, opener: Callable[[], LiveSource]) -> None:
+        self._opener = opener
+        self._lock = threading.Condition()
+        self._frames: FrameSet | None = None
+        self._source: LiveSource | None = None
+        self._assessed = ""
+        self._has_consumer = False
+        self.trouble = ""
+        """Why there are no pictures, in one line; empty: there are."""
+
+    @property
+    def is_open(self) -> bool:
+        """True while the source is open."""
+        return self._source is not None
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras; empty while the source is closed."""
+        source = self._source
+        return () if source is None else source.cameras
+
+    @property
+    def source(self) -> LiveSource | None:
+        """The source while it is open."""
+        return self._source
+
+    def open(self) -> None:
+        """Open the source if it is closed; ``trouble`` says why that fails."""
+        with self._lock:
+            if self._source is not None:
+                return
+            self.trouble, self._frames = "", None
+            try:
+                source = self._source = self._opener()
+            except BeltscapeError as error:
+                self.trouble = str(error)
+                return
+        make_supervised_thread("live view", lambda: self._collect(source), self._fail, lambda _: True).start()
+
+    def _fail(self, reason: str) -> None:
+        self.trouble = reason
+
+    def _collect(self, source: LiveSource) -> None:
+        for frames in source:
+            with self._lock:
+                if source is not self._source:
+                    return
+                self._frames = frames
+                self._lock.notify_all()
+                if self._has_consumer and isinstance(source, CarriedBoard):
+                    # whoever carries this board waits until the view was looked at
+                    self._lock.wait_for(
+                        lambda f=frames: self._assessed == f.frame or self._source is None, _CARRY_S
+                    )
+
+    def take_next(self, last: str, wait_s: float) -> FrameSet | None:
+        """Return the newest frame set once it is no longer ``last``, which was assessed; None after ``wait_s``."""
+        with self._lock:
+            self._has_consumer, self._assessed = True, last
+            self._lock.notify_all()
+            self._lock.wait_for(lambda: self._frames is not None and self._frames.frame != last, wait_s)
+            return None if self._frames is None or self._frames.frame == last else self._frames
+
+    def take(self, wait_s: float = 0.0) -> FrameSet | None:
+        """Return the newest frame set; None if none came within ``wait_s``."""
+        with self._lock:
+            if self._frames is None and wait_s:
+                self._lock.wait_for(lambda: self._frames is not None, wait_s)
+            return self._frames
+
+    def close(self) -> None:
+        """Close the source, so that a command can open the cameras."""
+        with self._lock:
+            source, self._source, self._frames = self._source, None, None
+            self._has_consumer, self._assessed = False, ""
+            self._lock.notify_all()
+        if source is not None:
+            source.close()
+
+    def encode_picture(self, camera: str) -> bytes | None:
+        """Return a camera's newest picture as JPEG; None while there is none."""
+        frames = self.take()
+        image = None if frames is None else frames.images.get(camera)
+        return None if image is None else encode_jpeg(image)
+
+
+def encode_jpeg(image: Image) -> bytes:
+    """Return an image as JPEG of at most `_PICTURE_PX`."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    scale = _PICTURE_PX / max(image.shape[:2])
+    if scale < 1:
+        image = np.asarray(
+            cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
+    bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
+
+
+def prove_instants(folder: Path, core: str) -> dict[str, int]:
+    """Return how many instants a recorded capture has, and at how many of them a camera has no image."""
+    capture = read_capture(folder)
+    incomplete = sum(any(frame not in own for own in capture.files.values()) for frame in capture.frames)
+    if core and core not in capture.cameras:
+        raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
+    return {"instants": len(capture.frames), "incomplete": incomplete}

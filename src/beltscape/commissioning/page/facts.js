@@ -1,0 +1,37 @@
+// What a step found, as pairs of name and value.
+import { format_measured, format_number, format_percent, format_significant, t } from "../page/script/texts.js";
+
+const with_unit = (value, unit) => `${value}\u00a0${t(`unit.${unit}`)}`;
+
+const FORMATS = {
+  cameras: (value) => format_number(value),
+  core: (value) => value,
+  names: (value) => value.join(", "),
+  faults: (value) => value.join(", ") || t("commission.none"),
+  evenness: (value) => format_percent(value),
+  instants: (value) => format_number(value),
+  incomplete: (value) => format_number(value),
+  allowed_skew_ms: (value) => with_unit(format_significant(value), "ms"),
+  views: (value) => format_number(value),
+  held_out_px: (value) => with_unit(format_significant(value), "px"),
+  sigma_mm: (value) => with_unit(format_significant(value), "mm"),
+  worst_mm: (value) => with_unit(format_significant(value), "mm"),
+  uncovered: (value) => format_percent(value, 1),
+  doubts: (value) => format_number(value),
+  width_mm: (value) => with_unit(format_number(value), "mm"),
+  noise_mm: (value) => with_unit(format_significant(value), "mm"),
+  frames: (value) => format_number(value),
+  records: (value) => format_number(value),
+  belt_m: (value) => with_unit(format_significant(value), "m"),
+  missing_share: (value) => format_percent(value, 1),
+  number: (value) => value,
+  days: (value) => format_number(value),
+};
+
+export function format_facts({ name, result }) {
+  const facts = Object.entries(FORMATS).filter(([key]) => result[key] !== undefined && result[key] !== null).map(([key, format]) => [t(`commission.fact.${key}`), format(result[key])]);
+  if (result.litres !== undefined) facts.unshift([t("commission.fact.litres"), with_unit(format_measured(result.litres, result.sigma_litres), "litre")]);
+  if (name === "project") facts.push(...Object.entries(result.parts));
+  for (const error of name === "material" ? result.errors : []) facts.push([t(`commission.fact.error_${error.key.includes("mass") ? "mass" : "volume"}`), `${format_measured(error.value, error.sigma)}\u00a0%`]);
+  return facts;
+}

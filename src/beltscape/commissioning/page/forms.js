@@ -1,0 +1,133 @@
+// The forms of the steps: what the engineer answers. Each field is a key of the settings.
+import { get } from "../page/script/api.js";
+import { $, create_element } from "../page/script/dom.js";
+import { t } from "../page/script/texts.js";
+
+const FIELDS = {
+  images: [["exposure_us", "number"], ["gain_db", "number"]],
+  trigger: [["instants", "number"]],
+  board: [["board.file", "text"], ["board.squares.0", "number"], ["board.squares.1", "number"], ["board.square_mm", "number"], ["board.marker_mm", "number"], ["board.dictionary", "text"]],
+  calibrate: [["plan", "text"], ["tolerance_mm", "number"]],
+  empty: [["seconds", "number"]],
+  project: [["plant", "text"], ["load_mm", "number"], ["density_kg_m3", "number"]],
+  live: [["seconds", "number"]],
+  material: [["reference.name", "text"], ["reference.certificate", "text"], ["reference.sigma_percent", "number"], ["material_test", "text"]],
+  certificate: [["operator", "text"]],
+};
+const OF_CAMERAS = new Set(["exposure_us", "gain_db", "instants", "seconds"]);
+const SOURCES = ["trial", "captures", "cameras"];
+const DEVICES = 8; // rows of the form; more are given in the terminal
+const RUNS = 6;
+
+const read_path = (settings, path) => path.split(".").reduce((value, key) => value?.[key], settings);
+
+export function create_form(name, { settings }) {
+  const form = create_element("form", { class: "form", id: "form", on: { submit: (event) => { event.preventDefault(); $("do-run")?.click(); } } });
+  if (name === "cameras") form.append(...create_source(settings));
+  for (const [path, kind] of FIELDS[name] ?? []) {
+    if (OF_CAMERAS.has(path) && settings.source !== "cameras") continue;
+    form.append(create_field(path, kind, read_path(settings, path)));
+  }
+  if (name === "material") form.append(create_runs(settings));
+  if (name === "rig") form.append(create_element("label", { class: "choice wide" }, create_element("input", { type: "checkbox", name: "accept_doubts", checked: settings.accept_doubts }), create_element("span", {}, t("commission.field.accept_doubts"))));
+  return form;
+}
+
+function create_field(path, kind, value) {
+  const input = create_element("input", { name: path, type: kind, step: kind === "number" ? "any" : null, value: value ?? null, autocomplete: "off" });
+  return create_element("label", {}, t(`commission.field.${path.replaceAll(".", "_")}`), input);
+}
+
+function create_source(settings) {
+  const wanted = settings.source ?? "trial";
+  const choices = SOURCES.map((source) => create_element("label", { class: "choice" },
+    create_element("input", { type: "radio", name: "source", value: source, checked: source === wanted, on: { change: show_source } }),
+    create_element("span", {}, t(`commission.source.${source}`), create_element("small", {}, t(`commission.source.${source}_about`)))));
+  const devices = Object.entries(settings.devices);
+  const rows = Array.from({ length: Math.max(DEVICES, devices.length) }, (_, i) => create_device(i, devices[i] ?? ["", ""]));
+  const search = create_element("button", { type: "button", class: "plain", on: { click: () => fill_found(search) } }, t("commission.search"));
+  const more = ["frames_per_s", "exposure_us", "allowed_skew_ms"].map((path) => create_field(path, "number", settings[path]));
+  const trigger = create_element("label", {}, t("commission.field.trigger"), create_element("select", { name: "trigger" }, ...["software", "line", "free"].map((one) => create_element("option", { value: one, selected: one === settings.trigger }, t(`commission.trigger.${one}`)))));
+  setTimeout(show_source);
+  return [
+    create_element("fieldset", {}, create_element("legend", {}, t("commission.field.source")), ...choices),
+    create_element("div", { class: "wide", "data-source": "captures" }, create_field("captures", "text", settings.source === "captures" ? settings.captures : null)),
+    create_element("fieldset", { "data-source": "cameras" }, create_element("legend", {}, t("commission.field.devices")), create_element("div", {}, search), create_element("p", { id: "found", class: "soft", role: "status" }), ...rows),
+    create_element("div", { class: "form wide", "data-source": "cameras" }, trigger, ...more),
+    create_field("core", "text", settings.core),
+  ];
+}
+
+function create_device(number, [name, device]) {
+  return create_element("div", { class: "device" },
+    create_element("label", {}, t("commission.field.camera", { number: number + 1 }), create_element("input", { "data-device": "name", type: "text", value: name, placeholder: `cam${number}` })),
+    create_element("label", {}, t("commission.field.device"), create_element("input", { "data-device": "device", type: "text", value: device, placeholder: "192.168.10.11" })));
+}
+
+function show_source() {
+  const source = document.querySelector("#form input[name=source]:checked")?.value;
+  for (const part of document.querySelectorAll("#form [data-source]")) part.hidden = part.dataset.source !== source;
+}
+
+async function fill_found(button) {
+  button.disabled = true;
+  $("found").textContent = t("commission.searching");
+  try {
+    const found = await get("api/commission/found");
+    $("found").textContent = found.length ? t("commission.found", { count: found.length }) : t("commission.found_none");
+    const rows = [...document.querySelectorAll("#form .device")];
+    found.slice(0, rows.length).forEach((camera, i) => {
+      const [name, device] = rows[i].querySelectorAll("input");
+      name.value ||= `cam${i}`;
+      device.value = camera.address || camera.device;
+    });
+  } catch (error) {
+    try { $("found").textContent = JSON.parse(error.message).detail; } catch { $("found").textContent = t("commission.found_none"); }
+  }
+  button.disabled = false;
+}
+
+function create_runs({ runs }) {
+  const rows = Array.from({ length: Math.max(RUNS, runs.length) }, (_, i) => runs[i] ?? {});
+  const columns = [["capture", "text"], ["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"]];
+  const head = create_element("tr", {}, ...columns.map(([key]) => create_element("th", { scope: "col" }, t(`commission.field.run_${key}`))));
+  const body = rows.map((run, i) => create_element("tr", { "data-run": i }, ...columns.map(([key, kind]) => create_element("td", {}, create_element("input", { type: kind, step: "any", "data-key": key, value: run[key] ?? null, "aria-label": `${t(`commission.field.run_${key}`)} ${i + 1}` })))));
+  return create_element("div", { class: "tableform" }, create_element("table", {}, create_element("thead", {}, head), create_element("tbody", {}, ...body)));
+}
+
+/** Return the settings that the form changes. */
+export function read_form(name, { settings }) {
+  const changes = {};
+  for (const input of document.querySelectorAll("#form [name]")) {
+    if (input.type === "radio" && !input.checked) continue;
+    if (input.closest("[hidden]")) continue;
+    const value = input.type === "checkbox" ? input.checked : input.value.trim() === "" ? null : input.type === "number" ? Number(input.value) : input.value.trim();
+    const path = input.name.split(".");
+    if (value === (read_path(settings, input.name) ?? null)) continue;
+    if (value === null && typeof read_path(settings, input.name) === "string" && path.length === 1) { changes[input.name] = input.name === "captures" || input.name === "plan" || input.name === "material_test" ? null : ""; continue; }
+    if (path.length === 1) { changes[path[0]] = value; continue; }
+    changes[path[0]] ??= structuredClone(settings[path[0]]);
+    let table = changes[path[0]];
+    for (const key of path.slice(1, -1)) table = table[key];
+    table[path.at(-1)] = value ?? (typeof table[path.at(-1)] === "string" && path.at(-1) !== "file" ? "" : null);
+  }
+  if (name === "cameras" && changes.source === undefined && settings.source === null) changes.source = document.querySelector("#form input[name=source]:checked").value;
+  const source = changes.source ?? settings.source;
+  if (name === "cameras" && source === "cameras") add_devices(changes, settings);
+  if (name === "material") add_runs(changes, settings);
+  return changes;
+}
+
+function add_devices(changes, settings) {
+  const rows = [...document.querySelectorAll("#form .device")].map((row) => [...row.querySelectorAll("input")].map((input) => input.value.trim()));
+  const devices = Object.fromEntries(rows.filter(([name, device]) => name && device));
+  if (JSON.stringify(devices) !== JSON.stringify(settings.devices)) changes.devices = devices;
+}
+
+function add_runs(changes, settings) {
+  const runs = [...document.querySelectorAll("#form [data-run]")].map((row) => Object.fromEntries([...row.querySelectorAll("input")].filter((input) => input.value.trim()).map((input) => [input.dataset.key, input.type === "number" ? Number(input.value) : input.value.trim()])));
+  const given = runs.filter((run) => Object.keys(run).length);
+  const known = settings.runs.map((run) => Object.fromEntries(Object.entries(run).filter(([, value]) => value !== null && value !== "")));
+  const sort = (list) => JSON.stringify(list.map((run) => Object.entries(run).sort()));
+  if (sort(given) !== sort(known)) changes.runs = given;
+}

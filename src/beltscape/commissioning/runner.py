@@ -1,0 +1,323 @@
+"""Runs a step of a commissioning: its preparation, its commands in processes of their own, and what they found.
+
+A command that is killed leaves no half result, and the step stays open; running it again goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from beltscape.commissioning import project_text, trial
+from beltscape.commissioning.live import open_source, prove_instants
+from beltscape.commissioning.optics import assess_all
+from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.steps import (
+    CALIBRATION,
+    CAMERAS_FILE,
+    EMPTY,
+    LIVE,
+    MOVING,
+    PROJECT,
+    VIEWS,
+    Words,
+    find_capture,
+    find_missing,
+    find_step,
+    list_commands,
+)
+from beltscape.core.errors import InputError, SettingsError
+from beltscape.core.progress import Reporter
+from beltscape.core.system_calls import lock_folder
+from beltscape.files.atomic import write_text
+from beltscape.files.capture import read_capture
+from beltscape.files.json_text import read_json, to_plain
+
+Facts: TypeAlias = dict[str, Any]
+"""What a step found, by the key of its text on the page."""
+_SETS = 4
+"""Sets of images of which the sharpest is assessed: the board may move in one."""
+_DONE = re.compile(r"(?P<stage>.+): (?P<total>\d+) done")
+"""A finished stage in a command's progress."""
+
+
+class StepRun:
+    """A step while it runs; from any thread it can be cancelled."""
+
+    def __init__(self, state: CommissionState, reporter: Reporter) -> None:
+        self._state, self._reporter = state, reporter
+        self._process: subprocess.Popen[str] | None = None
+        self._cancelled = threading.Event()
+
+    def run(self, name: str) -> Facts:
+        """Run a step and record its result.
+
+        Raises
+        ------
+        InputError
+            If a step before it is missing, another program runs a step, or it was cancelled.
+        BeltscapeError
+            With the one line of the command that failed.
+        """
+        self._state.refresh()
+        step = find_step(name)
+        if missing := find_missing(self._state, step):
+            raise InputError(f"step {name}: finish the step {missing} first")
+        with _lock(self._state.folder):
+            facts = to_plain(_STEPS[name](self))
+        self._state.finish(name, facts, step.inputs)
+        return facts
+
+    def cancel(self) -> None:
+        """End the command that runs; the step stays open."""
+        self._cancelled.set()
+        if (process := self._process) is not None and process.poll() is None:
+            process.send_signal(signal.SIGINT)
+
+    def call(self, words: Words) -> Any:
+        """Run a command in the folder; return its JSON document."""
+        if self._cancelled.is_set():
+            raise InputError("cancelled")
+        with subprocess.Popen(
+            [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder, text=True,
+            encoding="utf-8", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONUTF8": "1"},
+        ) as process:  # fmt: skip
+            self._process = process
+            listener = threading.Thread(target=self._listen, args=(process,), daemon=True)
+            listener.start()
+            assert process.stdout is not None
+            text = process.stdout.read()
+            listener.join()
+        self._process = None
+        if self._cancelled.is_set():
+            raise InputError("cancelled")
+        document = json.loads(text) if text.strip() else {}
+        if code := process.returncode:
+            raise InputError(
+                document.get("error", {}).get("message") or f"{' '.join(words)}: ended with {code}"
+            )
+        return document
+
+    def call_all(self, name: str) -> Any:
+        """Run all commands of a step; return the document of the last one."""
+        document: Any = {}
+        for words in list_commands(self._state, name):
+            document = self.call(words)
+        return document
+
+    def _listen(self, process: subprocess.Popen[str]) -> None:
+        assert process.stderr is not None
+        for line in process.stderr:
+            text = line.strip()
+            if found := _DONE.fullmatch(text):
+                self._reporter.step(found["stage"], int(found["total"]), int(found["total"]))
+            elif text.startswith("warning: "):
+                self._reporter.warn(text.removeprefix("warning: "))
+
+    def _find_cameras(self) -> Facts:
+        state, settings = self._state, self._state.settings
+        if settings.source is None:
+            raise SettingsError("source: give trial, captures or cameras")
+        if settings.source == "trial":
+            state.change_settings(trial.make_trial(state))
+        if settings.source == "cameras":
+            if len(settings.devices) < 2:
+                raise SettingsError("devices: name two cameras or more, such as devices.cam0=192.168.10.11")
+            write_text(state.folder / CAMERAS_FILE, project_text.format_cameras(settings))
+            faults = {name: line for name, line in self.call_all("cameras")["check"].items() if line}
+            if faults:
+                raise InputError("; ".join(f"{name}: {line}" for name, line in faults.items()))
+            names = tuple(settings.devices)
+        else:
+            if settings.source == "captures" and settings.captures is None:
+                raise SettingsError("captures: give the folder with calibration, empty and moving")
+            names = read_capture(state.folder / find_capture(state.settings, VIEWS)).cameras
+        core = settings.core or names[0]
+        if core not in names:
+            raise SettingsError(f"core = {core!r}: no such camera; there are {', '.join(names)}")
+        if not settings.core:
+            state.change_settings({"core": core})
+        return {"cameras": len(names), "names": list(names), "core": core}
+
+    def _assess_images(self) -> Facts:
+        self.call_all("images")
+        source = open_source(self._state)
+        try:
+            complete = (one for one in source if set(one.images) == set(source.cameras))
+            assessed = [assess_all(one.images) for one in islice(complete, _SETS)]
+        finally:
+            source.close()
+        if not assessed:
+            raise InputError("no complete set of images; see the cameras' states")
+        reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
+        for name, report in reports.items():
+            if report.fault:
+                self._reporter.warn(f"{name}: {report.fault}")
+        faults = [name for name, report in reports.items() if report.fault]
+        return {
+            "cameras": len(reports),
+            "faults": faults,
+            "sharpness": {name: report.sharpness.median for name, report in reports.items()},
+            "evenness": min(report.sharpness.evenness for report in reports.values()),
+        }
+
+    def _prove_trigger(self) -> Facts:
+        settings = self._state.settings
+        if settings.source != "cameras":
+            facts: Facts = prove_instants(self._state.folder / find_capture(settings, VIEWS), settings.core)
+        else:
+            _set_aside(self._state.folder / "trigger")
+            document = self.call_all("trigger")
+            facts = {"instants": document["frames"], "incomplete": document["incomplete"],
+                     "dropped": document["dropped"], "allowed_skew_ms": settings.allowed_skew_ms}  # fmt: skip
+        if facts["incomplete"]:
+            raise InputError(
+                f"{facts['incomplete']} of {facts['instants']} instants lack a camera's image: check the trigger's "
+                "wire and the network, or allowed_skew_ms; then prove it again"
+            )
+        return facts
+
+    def _make_board(self) -> Facts:
+        document = self.call_all("board")
+        return {"board": document.get("board", {}).get("kind", "charuco")}
+
+    def _calibrate(self) -> Facts:
+        if not any((self._state.folder / VIEWS).glob("*/*")):
+            raise InputError(
+                f"{VIEWS}: no views of the board yet: take them first, with the page or --step calibrate"
+            )
+        return describe_calibration(self.call_all("calibrate"))
+
+    def _accept_rig(self) -> Facts:
+        document = read_json(self._state.folder / CALIBRATION)
+        facts = describe_calibration(document)
+        findings = document["fit"]["doubts"]
+        if findings and not self._state.settings.accept_doubts:
+            raise InputError(f"the rig is in doubt: {findings[0]}; mend it, or give accept_doubts=true")
+        sigma, allowed = facts["sigma_mm"], self._state.settings.tolerance_mm
+        if sigma > allowed and not self._state.settings.accept_doubts:
+            raise InputError(
+                f"σ of depth from calibration is {sigma:.2g} mm, tolerance_mm = {allowed:g}: take more views, or "
+                "give accept_doubts=true"
+            )
+        return {**facts, "doubts": len(findings)}
+
+    def _learn_belt(self) -> Facts:
+        if self._state.settings.source == "cameras":
+            _set_aside(self._state.folder / EMPTY)
+        document = self.call_all("empty")
+        return {
+            "width_mm": document["width_mm"],
+            "noise_mm": document["noise_mm"],
+            "frames": document["frames"],
+        }
+
+    def _write_project(self) -> Facts:
+        path = self._state.folder / PROJECT
+        if not path.is_file():
+            write_text(path, project_text.format_project(self._state.folder, self._state.settings))
+        return {"parts": self.call_all("project")["parts"]}
+
+    def _test_live(self) -> Facts:
+        if self._state.settings.source == "cameras":
+            _set_aside(self._state.folder / MOVING)
+        _set_aside(self._state.folder / LIVE)  # a replay would go on with the former one's history
+        document = self.call_all("live")
+        if not document["records"]:
+            raise InputError("the live test gave no record: does the belt run, and is the encoder read?")
+        totals = document["totals"]
+        length = totals["valid_mm"] + totals["degraded_mm"] + totals["missing_mm"]
+        return {
+            "records": totals["records"],
+            "litres": totals["volume_mm3"] * 1e-6,
+            "sigma_litres": totals["sigma_mm3"] * 1e-6,
+            "belt_m": length * 1e-3,
+            "missing_share": totals["missing_mm"] / length if length else 0.0,
+        }
+
+    def _test_material(self) -> Facts:
+        state = self._state
+        if state.settings.material_test is None and len(state.settings.runs) < 2:
+            raise SettingsError("runs: give two runs or more of known mass or volume, or material_test=FILE")
+        document: Any = {}
+        for words in list_commands(state, "material"):
+            if words[0] == "certify" and state.settings.material_test is None:
+                project_text.write_test(state)
+            document = self.call(words)
+        return {"errors": document["errors"], "notes": document["notes"]}
+
+    def _certify(self) -> Facts:
+        issue, listing = list_commands(self._state, "certificate")
+        document = self.call(issue)
+        issued = document["certificate"]
+        newest = self.call(listing)["certificates"][0]
+        if newest["number"] != issued["number"] or newest["changed"]:
+            raise InputError(
+                f"certificate {issued['number']} does not apply to the plant: {newest['changed']}"
+            )
+        return {"number": issued["number"], "page": issued["page"], "days": newest["days_left"]}
+
+
+_STEPS: Mapping[str, Callable[[StepRun], Facts]] = {
+    "cameras": StepRun._find_cameras,
+    "images": StepRun._assess_images,
+    "trigger": StepRun._prove_trigger,
+    "board": StepRun._make_board,
+    "calibrate": StepRun._calibrate,
+    "rig": StepRun._accept_rig,
+    "empty": StepRun._learn_belt,
+    "project": StepRun._write_project,
+    "live": StepRun._test_live,
+    "material": StepRun._test_material,
+    "certificate": StepRun._certify,
+}
+
+
+def describe_calibration(document: Mapping[str, Any]) -> Facts:
+    """Return what the page shows of a calibration.json."""
+    score = document["held_out"] or document["training"]
+    sigmas = document["depth_sigma_mm"]
+    return {
+        "views": document["training"]["frames"],
+        "held_out_px": score["rms_px"],
+        "square_mm": score["square_rms_mm"],
+        "sigma_mm": max(one["median"] for one in sigmas),
+        "worst_mm": max(one["worst"] for one in sigmas),
+        "uncovered": document["coverage"]["uncertain"],
+        "doubts_lines": document["fit"]["doubts"],
+    }
+
+
+def _set_aside(folder: Path) -> None:
+    """Keep an earlier recording under another name: none is overwritten."""
+    if not folder.exists():
+        return
+    number = 1
+    while (kept := folder.with_name(f"{folder.name}_{number}")).exists():
+        number += 1
+    folder.rename(kept)
+
+
+@contextmanager
+def _lock(folder: Path) -> Generator[None]:
+    """Let one program at a time run a step in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        handle = lock_folder(folder)
+    except BlockingIOError as error:
+        raise InputError(f"{folder}: another program runs a step of it; wait, or end it") from error
+    try:
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,211 @@
+"""State of a commissioning: `commission.json` in its folder, and the settings that the engineer gives.
+
+The file is small and written atomically; results are the files that the commands leave. A step is finished while
+these exist and what it was made from is unchanged.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import time_ns
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from beltscape.core.errors import InputError, SettingsError
+from beltscape.core.quantities import DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import hash_file, read_json, to_json
+from beltscape.files.toml_text import describe_fault
+
+FILE = "commission.json"
+"""Name of the file in the commissioning's folder."""
+FORMAT = "beltscape-commission/1"
+TOLERANCE_MM = 0.1
+"""σ of depth from calibration that is enough where nothing else is stated: 0.1 % of a load of 100 mm. Chosen."""
+_Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^/\\\x00-\x1f]+$")]
+_Line = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f]*$")]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BoardAnswer(_Table):
+    """The calibration board: a file that describes it, or a ChArUco board to print."""
+
+    file: Path | None = None
+    """An existing board.toml; it goes before the keys below."""
+    squares: tuple[Annotated[int, Field(ge=3, le=60)], Annotated[int, Field(ge=3, le=60)]] = (12, 9)
+    square_mm: Annotated[float, Field(gt=0, le=500)] = 30.0
+    marker_mm: Annotated[float, Field(gt=0, le=500)] = 22.0
+    dictionary: _Name = "DICT_5X5_100"
+
+
+class ReferenceAnswer(_Table):
+    """The scale of the material test, or where known volumes come from."""
+
+    name: _Line = ""
+    certificate: _Line = ""
+    sigma_percent: Annotated[float, Field(gt=0, le=20)] = 0.1
+
+
+class RunAnswer(_Table):
+    """A run of the material test: a capture of it, and what is known of its load."""
+
+    capture: Path
+    load: Annotated[str, Field(min_length=1, max_length=40)]
+    mass_kg: Annotated[float, Field(gt=0, lt=1e9)] | None = None
+    volume_m3: Annotated[float, Field(gt=0, lt=1e6)] | None = None
+    ticket: _Line = ""
+
+
+class CommissionSettings(_Table):
+    """What the engineer answers; the page's forms and ``--set`` change the same."""
+
+    source: Literal["trial", "captures", "cameras"] | None = None
+    """The shipped captures as a trial plant, a folder of recorded captures, or cameras on the network."""
+    captures: Path | None = None
+    """Folder of captures: ``calibration``, ``empty`` and ``moving`` below it."""
+    devices: dict[_Name, _Name] = {}
+    """Camera → device id, address or serial number."""
+    core: str = ""
+    """The core camera; empty: the first one."""
+    exposure_us: Annotated[float, EXPOSURE] | None = None
+    gain_db: Annotated[float, Field(ge=-24, le=60)] | None = None
+    trigger: Literal["software", "line", "free"] = "software"
+    frames_per_s: Annotated[float, FRAME_RATE] = 10.0
+    allowed_skew_ms: Annotated[float, Field(gt=0, le=100)] = 2.0
+    packet_size: Annotated[int, Field(ge=576, le=65535)] | None = None
+    instants: Annotated[int, Field(ge=5, le=10_000)] = 50
+    """Trigger instants that the proof of the trigger looks at."""
+    board: BoardAnswer = BoardAnswer()
+    plan: Path | None = None
+    """plan.toml of the belt: what the board must reach."""
+    tolerance_mm: Annotated[float, Field(gt=0, le=100)] = TOLERANCE_MM
+    """σ of depth from calibration that is enough."""
+    accept_doubts: bool = False
+    """Go on with a rig whose report has doubts."""
+    seconds: Annotated[float, Field(gt=0, le=3600)] = 5.0
+    """Length of the recordings of the empty belt and of the live test."""
+    plant: Annotated[str, Field(min_length=1, max_length=60)] = "belt"
+    load_mm: Annotated[float, LOAD_HEIGHT] = 400.0
+    density_kg_m3: Annotated[float, DENSITY] | None = None
+    encoder: dict[str, Any] = {}
+    """The table [encoder] of project.toml; empty: a capture's own, or none."""
+    operator: _Line = ""
+    reference: ReferenceAnswer = ReferenceAnswer()
+    runs: Annotated[tuple[RunAnswer, ...], Field(max_length=100)] = ()
+    material_test: Path | None = None
+    """A material test's file that is there; it goes before ``runs``."""
+
+
+class CommissionState:
+    """The state of a commissioning in its folder; every change is on the disk when the call returns."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read ``commission.json`` if it is there; InputError where it is damaged."""
+        self.folder = folder
+        self.path = folder / FILE
+        self._seen_ns = -1
+        self._document: dict[str, Any] = {}
+        self.settings = CommissionSettings()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read the file again where another process has changed it."""
+        if not self.path.is_file():
+            self._document = {"format": FORMAT, "settings": {}, "steps": {}}
+            self.settings = CommissionSettings()
+            return
+        changed_ns = self.path.stat().st_mtime_ns
+        if changed_ns == self._seen_ns:
+            return
+        document = read_json(self.path)
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise InputError(f"{self.path}: is no {FORMAT}; give another folder, or move the file away")
+        self.settings = validate_settings(document.get("settings", {}))
+        self._document, self._seen_ns = document, changed_ns
+
+    def change_settings(self, changes: Mapping[str, Any]) -> None:
+        """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""
+        self.refresh()
+        merged = {**self._document["settings"], **changes}
+        self.settings = validate_settings(merged)
+        self._document["settings"] = merged
+        self._write()
+
+    def finish(self, step: str, result: Mapping[str, Any], inputs: Sequence[str]) -> None:
+        """Record that a step is finished, with what it was made from."""
+        self.refresh()
+        self._document["steps"][step] = {
+            "finished_ms": time_ns() // 1_000_000,
+            "result": dict(result),
+            "inputs": {name: _fingerprint(self.folder / name) for name in inputs},
+        }
+        self._write()
+
+    def reopen(self, step: str) -> None:
+        """Forget that a step was finished."""
+        self.refresh()
+        if self._document["steps"].pop(step, None) is not None:
+            self._write()
+
+    def get_record(self, step: str) -> dict[str, Any] | None:
+        """Return when a step was finished, its result and inputs; None while it was not."""
+        return self._document["steps"].get(step)
+
+    def is_outdated(self, step: str) -> bool:
+        """Return whether what a finished step was made from has changed since."""
+        record = self.get_record(step)
+        return record is not None and any(
+            _fingerprint(self.folder / name) != digest for name, digest in record["inputs"].items()
+        )
+
+    def _write(self) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_text(self.path, to_json(self._document) + "\n")
+        self._seen_ns = self.path.stat().st_mtime_ns
+
+
+def _fingerprint(path: Path) -> str:
+    """Return the SHA-256 of a file; empty where there is none."""
+    return hash_file(path) if path.is_file() else ""
+
+
+def validate_settings(values: Mapping[str, Any]) -> CommissionSettings:
+    """Return the settings; SettingsError with the first key that does not fit, its value and the reason."""
+    try:
+        return CommissionSettings.model_validate(dict(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(f"{key} = {first['input']!r}: {describe_fault(first)}") from error
+
+
+def parse_assignments(words: Sequence[str], present: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that ``KEY=VALUE`` words change; a VALUE is TOML, else a text; ``a.b`` is a key of a table.
+
+    ``present`` are the settings as they are, whose other keys stay.
+
+    Raises
+    ------
+    SettingsError
+        For a word that is no assignment.
+    """
+    changes: dict[str, Any] = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or not key:
+            raise SettingsError(f"--set {word}: give KEY=VALUE, such as core=cam0")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        table, *below = key.split(".")
+        if below:
+            value = {**present.get(table, {}), **changes.get(table, {}), ".".join(below): value}
+        changes[table] = value
+    return changes

@@ -1,0 +1,94 @@
+"""The trial plant: the shipped captures stand for cameras, board, empty belt and loads of known volume.
+
+Each of its two loads is one instant, rendered with exact truth. A repetition is the same instant with noise of its
+own in every image. It shows how a commissioning goes, not how good a plant is.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.commissioning.state import CommissionState, RunAnswer
+from beltscape.commissioning.steps import EMPTY, MOVING, VIEWS, name_flow
+from beltscape.files.atomic import write_text
+from beltscape.files.capture import DEMO_FOLDER
+from beltscape.files.images import read_image, write_image
+from beltscape.files.json_text import read_json
+
+CAPTURES = "trial"
+"""Folder of the captures in the commissioning's folder."""
+_SCENES = {VIEWS: "calibration", EMPTY: "belt_empty", MOVING: "belt_loaded"}
+"""Capture of the trial → the shipped one."""
+_LOADS = {"rocks": "belt_loaded", "module": "module"}
+"""Load of the material test → the shipped capture."""
+_REPETITIONS, _NOISE_LEVELS = 2, 1.0
+"""Runs of each load, and σ of the noise that the later ones get: about that of the images themselves."""
+_ENCODER = "frame,timestamp_s,belt_position_mm\n000,0,0\n"
+"""A single instant."""
+_SIGMA_PERCENT = 0.1
+"""One standard deviation of the true volumes: their cross-sections are stated at every millimetre of belt."""
+
+
+def make_trial(state: CommissionState) -> dict[str, Any]:
+    """Copy the shipped captures into the folder, and return the settings of the trial plant."""
+    folder = state.folder / CAPTURES
+    for name, scene in _SCENES.items():
+        _copy(DEMO_FOLDER / scene, folder / name)
+    write_text(folder / MOVING / "encoder.csv", _ENCODER)
+    for name in ("board.toml", "truth/volume.json"):
+        shutil.copy(DEMO_FOLDER / name, folder)
+    return {
+        "captures": CAPTURES,
+        "board": {"file": f"{CAPTURES}/board.toml"},
+        "plant": "Trial plant",
+        "load_mm": 200.0,
+        "density_kg_m3": 1600.0,
+        "operator": "trial",
+        "reference": {"name": "truth of the simulation", "sigma_percent": _SIGMA_PERCENT},
+        "runs": [_make_run(folder, load, number) for number in range(_REPETITIONS) for load in _LOADS],
+    }
+
+
+def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
+    """Copy a load's images as one run; in repetitions with noise of their own."""
+    name = f"{load}_{number + 1}"
+    if not (folder / name).is_dir():
+        _copy(DEMO_FOLDER / _LOADS[load], folder / name)
+        if number:
+            _add_noise(folder / name, number)
+    write_text(folder / name / "encoder.csv", _ENCODER)
+    whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
+    return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
+
+
+def _add_noise(capture: Path, seed: int) -> None:
+    """Add noise to all images of a capture."""
+    rng = np.random.default_rng(seed)
+    for path in sorted(capture.glob("*/*.png")):
+        image = read_image(path)
+        noisy = image + rng.normal(0.0, _NOISE_LEVELS, image.shape)
+        write_image(path, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+
+
+def _copy(scene: Path, to: Path) -> None:
+    if not to.is_dir():
+        shutil.copytree(scene, to)
+
+
+def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges (n + 1,), mm along the belt, and the true volume (n + 1,) up to each, mm³."""
+    truth = read_json(folder / "volume.json")["scenes"][_LOADS[load]]
+    edges = truth["first_y_mm"] + np.arange(len(truth["area_mm2"]) + 1)
+    return edges, np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
+
+
+def compute_true_m3(state: CommissionState, run: RunAnswer) -> float:
+    """Return the true volume on the stretch of belt that a run's flow covers, m³."""
+    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.load)
+    strips = read_json(state.folder / name_flow(run) / "flow.json")["strips"]
+    low, high = np.interp([strips[0]["start_mm"], strips[-1]["end_mm"]], edges, cumulated)
+    return float(high - low) * 1e-9

@@ -1,0 +1,109 @@
+"""Guided calibration in the terminal, over SSH: views of a carried board, resumed, scored until it is enough."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from beltscape.cli.main import main
+from beltscape.commissioning import live, trial
+from beltscape.commissioning.guided import FIRST_SCORE, LEAST_VIEWS, GuidedSession
+from beltscape.commissioning.live import LiveView, open_source
+from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.steps import STEPS, get_status
+from tests.once import make_once
+from tests.synthetic.small_demo import make_small_demo
+
+
+@pytest.fixture
+def plant(tmp_path, tmp_path_factory, monkeypatch) -> Path:
+    """A trial plant of the small demo, up to its board."""
+    monkeypatch.setattr(
+        trial, "DEMO_FOLDER", make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
+    )
+    monkeypatch.setattr(live, "PERIOD_S", 0.0)
+    folder = tmp_path / "plant"
+    assert (
+        main(
+            [
+                "commission",
+                str(folder),
+                "--set",
+                "source=trial",
+                "--set",
+                "tolerance_mm=0.2",
+                "--step",
+                "cameras",
+            ]
+        )
+        == 0
+    )
+    assert main(["commission", str(folder), "--step", "board"]) == 0
+    return folder
+
+
+def test_views_are_taken_and_scored_until_it_is_enough(plant, capsys):
+    capsys.readouterr()
+    assert main(["commission", str(plant), "--step", "calibrate", "--json"]) == 0
+    out, err = capsys.readouterr()
+    result = json.loads(out)["result"]
+    views = len(list((plant / "calibration/cam0").glob("*.png")))
+    assert LEAST_VIEWS <= views == result["views"]
+    assert result["held_out_px"] < 0.05
+    assert result["sigma_mm"] < 0.2  # of half the pixels
+    assert f"view {FIRST_SCORE}" in err
+    state = CommissionState(plant)
+    assert [get_status(state, step) for step in STEPS[4:6]] == ["done", "open"]
+
+
+def test_a_session_goes_on_with_the_views_that_are_there(plant):
+    state = CommissionState(plant)
+    session = GuidedSession(state, LiveView(lambda: open_source(state)))
+    source = open_source(state)
+    for frames in source:
+        session.assess(frames)
+        if session.taken == 3:
+            break
+    session.close()
+    again = GuidedSession(state, LiveView(lambda: open_source(state)))
+    again.resume()
+    assert again.taken == 3
+    described = again.describe()
+    assert described["taken"] == 3
+    assert {name: len(rows) for name, rows in described["cells"].items()} == dict.fromkeys(source.cameras, 12)
+    kept = again.set_aside()
+    assert (kept.name, again.taken) == ("calibration_1", 0)
+    assert len(list((kept / "cam0").glob("*.png"))) == 3
+    assert not (plant / "calibration").exists()
+
+
+def test_without_views_the_step_says_so(plant, capsys):
+    shutil.rmtree(plant / "trial/calibration")
+    assert main(["commission", str(plant), "--step", "calibrate"]) == 2
+    assert "calibration" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(tmp_path, monkeypatch, capsys):
+    # the shipped captures: four cameras of half the pixels leave too much of the belt unmeasured
+    monkeypatch.setattr(live, "PERIOD_S", 0.0)
+    plant = tmp_path / "plant"
+    assert main(["commission", str(plant), "--set", "source=trial"]) == 0
+    document: dict = {}
+    for step in STEPS:
+        capsys.readouterr()
+        assert main(["commission", str(plant), "--step", "next", "--json"]) == 0, step.name
+        document = json.loads(capsys.readouterr().out)
+        assert document["step"] == step.name
+    assert [one["status"] for one in document["steps"]] == ["done"] * len(STEPS)
+    assert Path(plant / document["result"]["page"]).is_file()
+    state = CommissionState(plant)
+    record = state.get_record("material")
+    assert record is not None
+    for error in record["result"]["errors"]:
+        assert abs(error["value"]) < 3 * error["sigma"], error
+    (plant / "belt.json").write_text((plant / "belt.json").read_text() + "\n")
+    assert [get_status(state, step) for step in STEPS[7:]] == ["outdated"] * 4

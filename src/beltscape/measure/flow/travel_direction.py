@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +71,7 @@ def register_in_plane(before: HighPassHeights, after: HighPassHeights) -> PlaneS
     one, two = spectra(before), spectra(after)
 
     def correlate(i: int, j: int) -> NDArray[np.float32]:
-        return cast("NDArray[np.float32]", fft.irfft2(one[i].conj() * two[j], size))
+        return np.asarray(fft.irfft2(one[i].conj() * two[j], size), np.float32)
 
     number = np.maximum(np.rint(correlate(0, 0)), 0)
     safe = np.maximum(number, 1)

@@ -21,7 +21,8 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.evaluate.belt_ceiling import MovingCeiling, read_moving_scene
-from beltscape.evaluate.belt_scores import BeltScore, FusedBelt, TrueBelt, read_true_belt, score_belt
+from beltscape.evaluate.belt_scores import BeltScore, TrueBelt, read_true_belt, score_belt
+from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.belt.reference import EmptyBeltReference

@@ -30,7 +30,7 @@ from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.motion_evidence import MotionEvidence
-from beltscape.measure.flow.rows import BeltPicture
+from beltscape.measure.flow.rows import PICTURE_CELL_MM, BeltPicture
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_chain import (
     FlowChain,
@@ -87,12 +87,14 @@ def measure_flow_of_capture(
     settings: FlowSettings | None = None,
     preset: str = "standard",
     load_mm: float | None = None,
+    belt_cell_mm: float = PICTURE_CELL_MM,
 ) -> Flow:
     """Reconstruct a capture of the moving belt frame by frame and measure the flow.
 
     Without ``encoder`` the belt's motion is measured from the material, and the times come from the capture's own
     encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
     range that a few frames show. The rig is scaled to images that are binned or reduced.
+    ``belt_cell_mm`` is the edge of a cell of the picture.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def measure_flow_of_capture(
         near_far = widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
     else:
         near_far = compute_depth_range(ground, load_mm)
-    picture, steps = BeltPicture(ground), list[FramePlacement]()
+    picture, steps = BeltPicture(ground, belt_cell_mm), list[FramePlacement]()
     meter = BeltFlowMeter(
         ground,
         settings,
@@ -134,6 +136,10 @@ def measure_flow_of_capture(
     require_consistent_motion(meter, direction, encoder, done=True)
     warn_of_motion_conflicts(meter, encoder, reporter)
     _warn_of_gaps(records, reporter)
+    if picture.is_shortened:
+        reporter.warn(
+            "the fused belt holds the end of the run only; measure shorter runs, or give a larger --belt-cell"
+        )
     return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
 
 

@@ -95,10 +95,10 @@ DISTANCE_MM = 1e6
 """Distance of the virtual camera over a height map: so far away that its rays are parallel to 0.001."""
 
 
-def make_height_raster(heights: HeightMap, measured: NDArray[np.bool_]) -> Raster | None:
+def make_height_raster(heights: HeightMap) -> Raster | None:
     """Return a height map as a raster under a virtual camera far above its middle; None where all is NaN.
 
-    Heights that were not ``measured`` (R, C) but filled are kept; NaN is where the view ends.
+    Filled heights count as surface, since they continue what was measured beside them; NaN is where the view ends.
     """
     known = np.isfinite(heights.height_mm)
     if not known.any():
@@ -109,7 +109,7 @@ def make_height_raster(heights: HeightMap, measured: NDArray[np.bool_]) -> Raste
     rays = np.stack(np.meshgrid(x, -y), axis=-1)
     return Raster(
         depth_mm=DISTANCE_MM - height.astype(np.float64),
-        measured=known & measured,
+        measured=known,
         height_px=height / np.float32(heights.cell_mm),
         rays=rays,
         factor=1,

@@ -115,10 +115,11 @@ def _add_stretch(
     settings: LumpSettings,
 ) -> None:
     """Add the lumps whose middle lies in the stretch's own part, or that reach into it and were not found before."""
-    raster = make_height_raster(heights, measured)
+    raster = make_height_raster(heights)
     if raster is None:
         return
-    load = heights.height_mm > least_mm
+    # the network sees the filled heights too, which gains rocks at their rims; but a lump of them alone is none
+    load = measured & (heights.height_mm > least_mm)
     segmentation = segment_lumps(raster, settings.split, settings.smallest_px, allowed=load)
     middle = (float(heights.x_mm.mean()), float(heights.y_mm.mean()))
     up = Pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle, DISTANCE_MM]))

@@ -17,7 +17,7 @@ from scipy import ndimage
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.height_map import HeightMap
-from beltscape.measure.lumps.lumps import BIAS, FINES, Lump, Lumps
+from beltscape.measure.lumps.lumps import BIAS, FINES, FUSED_BELT, Lump, Lumps
 from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.charts import Mark as ChartMark
 from beltscape.report.drawing.depth_picture import LIGHT
@@ -135,7 +135,7 @@ def _key(labels: NDArray[np.uint16], lumps: Lumps) -> Swatches:
     if any(lump.occluded or lump.cut for lump in lumps.lumps):
         middle = np.asarray(HEIGHT[148], np.float64)
         red, green, blue = (round(_PALE * float(c) + (1 - _PALE) * _PALE_TO) for c in middle)
-        entries.append(("pale: partly hidden, or cut by the frame", (red, green, blue)))
+        entries.append(("pale: partly hidden, or cut by the view's ends", (red, green, blue)))
     return Swatches([*entries, *_oversize_swatch(lumps)])
 
 
@@ -353,7 +353,9 @@ def _table(lumps: Lumps) -> Table:
         "hidden",
         "cut",
     ]
-    columns.append(f"place x, y mm ({lumps.frame})")
+    columns.append(
+        "place x, s mm (fused belt)" if lumps.frame == FUSED_BELT else f"place x, y mm ({lumps.frame})"
+    )
     rows: list[list[str]] = []
     for lump in largest_lumps(lumps):
         row = [str(lump.number), f"{lump.size_mm:.1f}", f"{lump.sigma_mm:.1f}", f"{lump.length_mm:.1f}"]

@@ -41,7 +41,7 @@ def describe_origin(manifest: dict[str, Any]) -> str:
     return (
         f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
         f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios {first_held_out} to "
-        f"{last_held_out} were held out.\n\n"
+        f"{last_held_out} were held out. A network that was trained anew\nsince then says so in its card.\n\n"
         + describe_libraries(manifest["made_with"])
         + format_scores(manifest["reconstruction"])
     )
@@ -84,6 +84,9 @@ def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str
         ("used by", f"`{purpose.used_by}`"),
         ("not for", purpose.unsuitable),
     ]
+    if origin := manifest["networks"][name].get("origin"):
+        first, last = origin["scenarios"]["training"]
+        rows.append(("trained anew", f"on scenarios {first} to {last}, at commit {origin['commit'][:9]}"))
     metrics = manifest["networks"][name]["metrics"]
     rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
     return f"## {name}\n\n| | |\n|---|---|\n" + "".join(f"| {what} | {text} |\n" for what, text in rows)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -254,6 +256,24 @@ def test_the_assessment_scores_the_networks_in_use(load, capture, tmp_path, monk
     score = assessment.assess_reconstruction([capture], "standard")
     assert 0 < score["within 0.25 mm"] < score["within 1 mm"] <= 1
     assert 0 <= score["gross"] < 0.1
+
+
+def test_a_network_that_is_replaced_has_an_origin_of_its_own(load, tmp_path, monkeypatch) -> None:
+    manifest, shipped = load("manifest"), Path(registry.__file__).parents[1] / "data" / "networks"
+    monkeypatch.setattr(manifest, "MADE_WITH", ("numpy",))  # PyTorch need not be here
+    out = tmp_path / "out"
+    shutil.copytree(shipped, out)
+    before = json.loads((out / "manifest.json").read_text())
+    scores = {"standard": {"gross": 0.5}, "fast": {"gross": 0.25}}
+    assessment = manifest.Assessment(7, 3, {"lumps": {"area under the ROC curve": 0.75}}, scores)
+    manifest.replace_networks(["lumps"], shipped, out, assessment)
+    after = json.loads((out / "manifest.json").read_text())
+    lumps = after["networks"].pop("lumps")
+    assert lumps["metrics"] == {"area under the ROC curve": 0.75}
+    assert lumps["origin"]["scenarios"] == {"training": [0, 6], "held_out": [1000, 1002]}
+    assert lumps["sha256"] == before["networks"].pop("lumps")["sha256"]
+    assert after["networks"] == before["networks"]
+    assert (after["commit"], after["reconstruction"]) == (before["commit"], scores)
 
 
 def test_the_area_under_the_roc_curve_is_the_share_of_ordered_pairs(load) -> None:

@@ -1,11 +1,13 @@
 """Train every network from nothing but the simulator's seeds; what is there already is not done again.
 
-    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--workers N] [--out FOLDER]
+    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK … [--ship]] [--workers N]
+                                   [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
 it was. With --only some networks are fitted, from samples that the networks that ship gave; each fit says whether it
-gave the network that ships. When all networks are trained they are written to the package's data with their manifest.
-The whole takes some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
+gave the network that ships, and --ship puts them in its place. When all networks are trained they are written to the
+package's data with their manifest. The whole takes some hours on two cores. It needs PyTorch: pip install
+'beltscape[train]'.
 
 With --workers captures are rendered and samples drawn in N processes, a core each, which needs Ray: pip install
 'beltscape[cluster]'. One process fits the networks; samples and networks are the same bytes with any number.
@@ -33,7 +35,7 @@ from training.drawing import Drawing
 from training.holes import train_holes
 from training.instructions import restart_pinned
 from training.lumps import train_lumps
-from training.manifest import Assessment, write_manifest
+from training.manifest import Assessment, replace_networks, write_manifest
 from training.perceptron import set_deterministic
 from training.progress import PrintedProgress
 from training.refinement import train_refinement
@@ -41,7 +43,7 @@ from training.scenarios import HELD_OUT, locate_capture, render_scenario
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(beltscape.__file__).parent / "data" / "networks"
-CAPTURES = 112
+CAPTURES = 80
 """Number of scenarios that the shipped networks are trained on ..."""
 ASSESSED = 8
 """... and of those that they are assessed on: one of each kind in turn."""
@@ -150,6 +152,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "train")
     parser.add_argument("--captures", type=int, default=CAPTURES)
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--ship", action="store_true")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=DATA)
     arguments = parser.parse_args()
@@ -162,13 +165,22 @@ def main() -> None:
         if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
             training.use(shipped=bool(arguments.only))
             training.keep(train())
-    training.use(shipped=False)
-    if training.is_done(*PURPOSES):
-        held_out = render_all(work, range(HELD_OUT, HELD_OUT + ASSESSED), reporter, workers)
-        cache = SampleCache(work / "held_out", reporter, training.drawing)
-        scores = {preset: assess_reconstruction(held_out, preset) for preset in ("standard", "fast")}
-        assessment = Assessment(arguments.captures, ASSESSED, assess_networks(held_out, cache), scores)
-        write_manifest(training.networks, arguments.out, assessment)
+    if training.is_done(*PURPOSES) if not arguments.only else arguments.ship:
+        training.use(shipped=bool(arguments.only))
+        assessment = assess(training, arguments.only)
+        if arguments.only:
+            replace_networks(arguments.only, training.networks, arguments.out, assessment)
+        else:
+            write_manifest(training.networks, arguments.out, assessment)
+
+
+def assess(training: Training, names: list[str]) -> Assessment:
+    """Return the assessment of these networks, or of all where none is named, on scenarios that are held out."""
+    numbers = range(HELD_OUT, HELD_OUT + ASSESSED)
+    held_out = render_all(training.work, numbers, training.reporter, training.workers)
+    cache = SampleCache(training.work / "held_out", training.reporter, training.drawing)
+    scores = {preset: assess_reconstruction(held_out, preset) for preset in ("standard", "fast")}
+    return Assessment(len(training.captures), ASSESSED, assess_networks(held_out, cache, names), scores)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,15 +24,18 @@ from training.samples.pixels import ALONG_MM, mask_scene
 Metrics = dict[str, float]
 
 
-def assess_networks(captures: list[Path], cache: SampleCache) -> dict[str, Metrics]:
-    """Return the metrics of each network that can be judged by itself, by name."""
+def assess_networks(
+    captures: list[Path], cache: SampleCache, names: Sequence[str] = ()
+) -> dict[str, Metrics]:
+    """Return the metrics of each network that can be judged by itself, by name; of some where these are named."""
     pixels = ("initial_confidence", "confidence", "fast_confidence")
-    return {
-        **{name: _assess_pixels(name, captures, cache) for name in pixels},
-        "candidates": _assess_candidates(captures, cache),
-        "holes": _assess_holes(captures, cache),
-        "lumps": _assess_lumps(captures, cache),
+    recipes: dict[str, Callable[[], Metrics]] = {
+        **{name: partial(_assess_pixels, name, captures, cache) for name in pixels},
+        "candidates": partial(_assess_candidates, captures, cache),
+        "holes": partial(_assess_holes, captures, cache),
+        "lumps": partial(_assess_lumps, captures, cache),
     }
+    return {name: assess() for name, assess in recipes.items() if not names or name in names}
 
 
 def assess_reconstruction(captures: list[Path], preset: str) -> Metrics:

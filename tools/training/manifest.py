@@ -35,32 +35,55 @@ class Assessment:
 
 def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
     """Copy the networks of a training to a folder, with manifest.json."""
-    commit = _read_commit()  # before this training's own files change the working tree
-    out.mkdir(parents=True, exist_ok=True)
-    entries: dict[str, Any] = {}
-    for name in PURPOSES:
-        path = networks / f"{name}.npz"
-        with path.open("rb") as stream:
-            network = read_network(stream, path.name)
-        entries[name] = {
-            "features": len(network.features),
-            "units": [len(layer) for layer in network.layers],
-            "parameters": network.parameters,
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "metrics": _round(assessment.networks.get(name, {})),
-        }
-        shutil.copyfile(path, out / path.name)
-    document = {
+    document = describe_origin(assessment) | {
+        "reconstruction": {preset: _round(scores) for preset, scores in assessment.reconstruction.items()},
+        "networks": {name: _take_over(name, networks, out, assessment) for name in PURPOSES},
+    }
+    _write(out, document)
+
+
+def replace_networks(names: list[str], networks: Path, out: Path, assessment: Assessment) -> None:
+    """Copy some networks of a training over those of a folder; its manifest gives each an origin of its own."""
+    document = json.loads((out / "manifest.json").read_text("utf-8"))
+    origin = describe_origin(assessment)
+    for name in names:
+        document["networks"][name] = _take_over(name, networks, out, assessment) | {"origin": origin}
+    document["reconstruction"] = {
+        preset: _round(scores) for preset, scores in assessment.reconstruction.items()
+    }
+    _write(out, document)
+
+
+def describe_origin(assessment: Assessment) -> dict[str, Any]:
+    """Return what the bytes of this training's networks depend on."""
+    return {
         "made_by": "make train",
-        "commit": commit,
+        "commit": _read_commit(),
         "made_with": {library: importlib.metadata.version(library) for library in MADE_WITH},
         "scenarios": {
             "training": [0, assessment.trained - 1],
             "held_out": [HELD_OUT, HELD_OUT + assessment.held_out - 1],
         },
-        "reconstruction": {preset: _round(scores) for preset, scores in assessment.reconstruction.items()},
-        "networks": entries,
     }
+
+
+def _take_over(name: str, networks: Path, out: Path, assessment: Assessment) -> dict[str, Any]:
+    """Copy a network to a folder and return its entry of the manifest."""
+    path = networks / f"{name}.npz"
+    with path.open("rb") as stream:
+        network = read_network(stream, path.name)
+    out.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, out / path.name)
+    return {
+        "features": len(network.features),
+        "units": [len(layer) for layer in network.layers],
+        "parameters": network.parameters,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "metrics": _round(assessment.networks.get(name, {})),
+    }
+
+
+def _write(out: Path, document: dict[str, Any]) -> None:
     (out / "manifest.json").write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 

@@ -33,9 +33,9 @@ _KINDS = (
     "belt_empty",
 )
 """Kinds in turn, so that any few consecutive scenarios hold all of them."""
-_WIDTHS_PX = ((0, (480, 612, 612, 816)), (64, (816, 1024, 1224)), (HELD_OUT, (612, 816, 1224)))
+_WIDTHS_PX = ((0, (480, 612, 612, 816)), (40, (816, 1024, 1224)), (HELD_OUT, (612, 816, 1224)))
 """First scenario, and the widths of the images from there on: the first scenarios are small, hence cheap."""
-_CLOSE = 96
+_CLOSE = 40
 """First scenario that sees only half of the belt's width: its pixels are as large on the belt as a full sensor's,
 for a quarter of the cost."""
 _SHAPES = (5 / 6, 3 / 4, 5 / 8)

@@ -2,8 +2,8 @@
 
     python benchmarks/fused_lumps.py CACHE [--heaps NAME …] [--preset fast|standard]
 
-The heaps are those of fused_belt.py, rendered once into CACHE. A row has the lumps counted, the visible rocks, the shares
-of rocks found and of false lumps, and d10, d50, d80, d90 with those of the rocks.
+The heaps are those of fused_belt.py, rendered once into CACHE. A row has the lumps counted, the visible rocks, the
+shares of rocks found and of false lumps, and d10, d50, d80, d90 with those of the rocks.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from beltscape.evaluate.belt_lump_scores import read_rocks, score_belt_lumps
 from beltscape.evaluate.belt_scores import read_true_belt
-from beltscape.evaluate.lump_scores import LumpScore, read_heap, score_lumps
+from beltscape.evaluate.lump_scores import LumpScore, find_covered_rows, read_heap, score_lumps
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.lumps.fused_belt import measure_belt_lumps
@@ -51,7 +51,10 @@ def score_frames(
             continue
         heap = read_heap(truth, one.name)
         lumps = measure_lumps(one.depth, reference.camera, _SETTINGS, reference.belt)
-        score = score_lumps(lumps, heap.rock, heap.size_mm, heap.volume_mm3, pixel_mm=heap.pixel_mm)
+        score = score_lumps(
+            lumps, heap.rock, heap.size_mm, heap.volume_mm3,
+            pixel_mm=heap.pixel_mm, region=find_covered_rows(one.depth), measured=one.depth.measured,
+        )  # fmt: skip
         if score.rocks:
             scored.append((lumps, score))
     return scored

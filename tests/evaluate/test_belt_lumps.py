@@ -45,6 +45,7 @@ def test_all_balls_are_found_with_their_sizes():
 def test_a_truth_elsewhere_matches_nothing():
     belt, truth = make_pair()
     lumps = measure_belt_lumps(belt.heights, belt.measured, LumpSettings(), belt.counted_mm)
+    assert truth.rock is not None
     turned = TrueBelt(
         truth.x_mm, truth.y_mm, truth.height_mm, truth.heap_mm, truth.core_from_world, truth.rock[:, ::-1]
     )
@@ -57,6 +58,7 @@ def folders(tmp_path):
     belt, truth = make_pair()
     flow, true = tmp_path / "flow", tmp_path / "truth"
     write_belt_folder(flow, belt)
+    assert truth.rock is not None
     write_arrays(
         true / "belt_moving_load.npz",
         x_mm=truth.x_mm, y_mm=truth.y_mm, height_mm=truth.height_mm, rock=truth.rock,

@@ -399,12 +399,17 @@ def score_lumps_of_frame(
     if depth.depth_mm.shape != heap.rock.shape:
         sizes = ["{1}×{0}".format(*shape) for shape in (depth.depth_mm.shape, heap.rock.shape)]
         raise InputError(f"{frame}: has {sizes[0]} pixels, its truth {sizes[1]}; give both of one capture")
-    full = depth.measured.mean(axis=1)
-    rows = np.flatnonzero(full > _FULL * np.median(full))
-    region = np.zeros(heap.rock.shape, bool)
-    if rows.size:
-        region[rows[0] : rows[-1] + 1] = True
     return score_lumps(
         measure_lumps(depth, camera, settings), heap.rock, heap.size_mm, heap.volume_mm3,
-        pixel_mm=heap.pixel_mm, over_mm=over_mm, region=region, measured=depth.measured,
+        pixel_mm=heap.pixel_mm, over_mm=over_mm, region=find_covered_rows(depth), measured=depth.measured,
     )  # fmt: skip
+
+
+def find_covered_rows(depth: DepthMap) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of the rows that the matcher covered."""
+    full = depth.measured.mean(axis=1)
+    rows = np.flatnonzero(full > _FULL * np.median(full))
+    region = np.zeros(depth.depth_mm.shape, bool)
+    if rows.size:
+        region[rows[0] : rows[-1] + 1] = True
+    return region

@@ -124,7 +124,7 @@ def _add_stretch(
     middle = (float(heights.x_mm.mean()), float(heights.y_mm.mean()))
     up = Pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle, DISTANCE_MM]))
     shapes = measure_shapes(raster, segmentation.labels, segmentation.outline, up)
-    boxes = ndimage.find_objects(segmentation.labels)
+    boxes = [box for box in ndimage.find_objects(segmentation.labels) if box is not None]  # one a number
     painted = found.labels[stretch.first : stretch.end]
     for lump in shapes:
         box = boxes[lump.number - 1]

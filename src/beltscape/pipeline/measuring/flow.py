@@ -107,10 +107,7 @@ def measure_flow_of_capture(
     source = open_capture(capture, rig, reporter)
     instants = list_instants(source, encoder, frames_per_s, reporter)
     ground = read_reference(empty, rig, None if settings is None else settings.cell_mm, reporter)
-    if load_mm is None:
-        near_far = widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
-    else:
-        near_far = compute_depth_range(ground, load_mm)
+    near_far = _find_depth_range(ground, source, rig, load_mm, reporter)
     picture, steps = BeltPicture(ground, belt_cell_mm), list[FramePlacement]()
     meter = BeltFlowMeter(
         ground,
@@ -135,12 +132,17 @@ def measure_flow_of_capture(
     spent = (perf_counter() - began) / max(len(instants), 1)
     require_consistent_motion(meter, direction, encoder, done=True)
     warn_of_motion_conflicts(meter, encoder, reporter)
-    _warn_of_gaps(records, reporter)
-    if picture.is_shortened:
-        reporter.warn(
-            "the fused belt holds the end of the run only; measure shorter runs, or give a larger --belt-cell"
-        )
+    _warn_of_missing(records, picture, reporter)
     return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
+
+
+def _find_depth_range(
+    ground: EmptyBeltReference, source: FolderSource, rig: Rig, load_mm: float | None, reporter: Reporter
+) -> tuple[float, float]:
+    """Return the depths to search: up to the load's given height, by default what a few frames show."""
+    if load_mm is not None:
+        return compute_depth_range(ground, load_mm)
+    return widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
 
 
 def _make_chain(
@@ -158,8 +160,12 @@ def _read_frame_set(source: FolderSource, instant: Instant) -> FrameSet:
     return FrameSet(instant.frame, images, instant.time_ns, instant.position_mm, exposures_us)
 
 
-def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:
-    """Warn of the frames of which nothing was counted."""
+def _warn_of_missing(records: Sequence[FlowRecord], picture: BeltPicture, reporter: Reporter) -> None:
+    """Warn of the frames of which nothing was counted, and of a belt too long for the picture."""
+    if picture.is_shortened:
+        reporter.warn(
+            "the fused belt holds the end of the run only; measure shorter runs, or give a larger --belt-cell"
+        )
     lost = [record.frame for record in records if record.quality == "missing"]
     if lost:
         reporter.warn(

@@ -153,7 +153,7 @@ def write_lumps(out: Path, measured: MeasuredLumps) -> None:
 def format_lumps_csv(lumps: Lumps) -> str:
     """Return a CSV with one row per lump; on a fused belt ``s_mm``, the position along it, is in the place of y."""
     on_belt = lumps.frame == FUSED_BELT
-    rows = [",".join("s_mm" if on_belt and name == "y_mm" else name for name in _COLUMNS)]
+    rows: list[str] = [",".join("s_mm" if on_belt and name == "y_mm" else name for name in _COLUMNS)]
     for lump in lumps.lumps:
         x, y, z = lump.center_mm
         values = {**asdict(lump), "x_mm": x, "y_mm": y, "z_mm": z}

@@ -116,7 +116,7 @@ def test_fused_lumps(tmp_path, monkeypatch, capsys):
     """The lumps of a simulated moving belt: pixels find more than cells of 4 mm, and no lump counts twice."""
     benchmark = importlib.import_module("fused_lumps")
     heaps = importlib.import_module("fused_belt")
-    least = heaps.MovingHeap(5, 2, (40, 79, 60), 40, speed_mm_s=1500, scale=0.125)
+    least = heaps.MovingHeap(5, 2, (20, 79, 50), 40, speed_mm_s=1500, scale=0.125)
     monkeypatch.setattr(benchmark, "HEAPS", {"least": least})
     monkeypatch.setattr(sys, "argv", ["fused_lumps.py", str(tmp_path), "--heaps", "least"])
     benchmark.main()

@@ -21,12 +21,13 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.evaluate.belt_ceiling import MovingCeiling, read_moving_scene
-from beltscape.evaluate.belt_scores import BeltScore, FusedBelt, TrueBelt, read_true_belt, score_belt
+from beltscape.evaluate.belt_scores import BeltScore, TrueBelt, read_true_belt, score_belt
+from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
-from beltscape.measure.flow.rows import BeltPicture
+from beltscape.measure.flow.rows import PICTURE_CELL_MM, BeltPicture
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.measuring import flow
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
@@ -123,10 +124,13 @@ def match(folder: Path, preset: str) -> tuple[EmptyBeltReference, list[Pushed]]:
 
 
 def measure(
-    reference: EmptyBeltReference, frames: Sequence[Pushed], settings: FlowSettings
+    reference: EmptyBeltReference,
+    frames: Sequence[Pushed],
+    settings: FlowSettings,
+    cell_mm: float = PICTURE_CELL_MM,
 ) -> tuple[BeltFlowMeter, FusedBelt]:
     """Return the meter after the frames, and the fused belt of their whole windows."""
-    picture, steps = BeltPicture(reference), list[FramePlacement]()
+    picture, steps = BeltPicture(reference, cell_mm), list[FramePlacement]()
     meter = BeltFlowMeter(reference, settings, watch_belt=picture.add, watch_step=steps.append)
     for one in frames:
         meter.push(one.depth, one.time_ns, one.position_mm, frame=one.name)

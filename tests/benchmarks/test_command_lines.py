@@ -156,3 +156,21 @@ def test_fused_belt(tmp_path, monkeypatch, capsys):
     assert [row[:3] for row in rows] == [["least", "3", way] for way in ("single", "fused", "continued")]
     single, fused, continued = (float(row[4].rstrip("%")) for row in rows)
     assert 0 < single < fused < continued < 100
+
+
+@pytest.mark.thorough
+def test_fused_lumps(tmp_path, monkeypatch, capsys):
+    """The lumps of a simulated moving belt: pixels find more than cells of 4 mm, and no lump counts twice."""
+    benchmark = importlib.import_module("fused_lumps")
+    heaps = importlib.import_module("fused_belt")
+    least = heaps.MovingHeap(5, 2, (20, 79, 50), 40, speed_mm_s=1500, scale=0.125)
+    monkeypatch.setattr(benchmark, "HEAPS", {"least": least})
+    monkeypatch.setattr(sys, "argv", ["fused_lumps.py", str(tmp_path), "--heaps", "least"])
+    benchmark.main()
+    rows = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[1] for row in rows] == ["fullest frame", "all frames summed", "fused, 4 mm", "fused, 1 px"]
+    _, summed, coarse, fine = rows
+    assert int(fine[2]) < int(summed[2])
+    assert float(coarse[4].rstrip("%")) <= float(fine[4].rstrip("%"))
+    assert float(fine[4].rstrip("%")) > 30
+    assert float(fine[5].rstrip("%")) < 40

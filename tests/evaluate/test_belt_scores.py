@@ -11,14 +11,9 @@ from beltscape.cli.main import main
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.height_map import HeightMap
-from beltscape.evaluate.belt_scores import (
-    FusedBelt,
-    TrueBelt,
-    compute_true_cells,
-    read_true_belt,
-    score_belt,
-)
+from beltscape.evaluate.belt_scores import TrueBelt, compute_true_cells, read_true_belt, score_belt
 from beltscape.files.arrays import write_arrays
+from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.json_text import write_json
 from beltscape.files.tiff import write_float_tiff
 

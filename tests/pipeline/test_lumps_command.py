@@ -14,6 +14,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.files.json_text import read_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
+from tests.synthetic.belts import S_MM, make_belt, write_belt_folder
 from tests.synthetic.demo import parse_json
 from tests.synthetic.packings import Solid, camera, make_ellipsoids, render_depth_map
 
@@ -111,3 +112,41 @@ def test_invalid_input_is_refused_in_one_line(run, frames, words, message):
     assert (code, out) == (2, "")
     (line,) = error
     assert message in line
+
+
+@pytest.fixture
+def flow(tmp_path):
+    """The folder of a flow with three balls."""
+    belt, _ = make_belt([(0.0, S_MM + 100 * number, 30.0) for number in (1, 2, 3)], 200)
+    write_belt_folder(tmp_path / "flow", belt)
+    return tmp_path / "flow"
+
+
+def test_a_flow_has_each_lump_once_with_the_same_files(run, flow, tmp_path):
+    out = tmp_path / "out"
+    code, text, error = run("measure", "lumps", flow, "--oversize", 50, "--out", out, "--json")
+    assert code == 0
+    assert not any("--belt-cell" in line for line in error)
+    answer = parse_json(text)
+    assert answer["frame"] == "fused belt"
+    assert [lump["center_mm"][1] for lump in answer["lumps"]] == pytest.approx([600, 700, 800], abs=3)
+    assert answer["oversize"]["oversize"]
+    labels = cv2.imread(str(out / "labels.png"), cv2.IMREAD_UNCHANGED)
+    assert labels is not None
+    assert labels.shape == (200, 100)
+    rows = list(csv.DictReader((out / "lumps.csv").read_text().splitlines()))
+    assert [float(row["s_mm"]) for row in rows] == pytest.approx([600, 700, 800], abs=3)
+    assert "y_mm" not in rows[0]
+    assert "Lumps on the belt" in (out / "report.html").read_text()
+    assert (out / "sieve.csv").is_file()
+
+
+def test_coarse_cells_of_a_flow_are_warned_of_and_an_empty_belt_is_refused(run, tmp_path):
+    belt, _ = make_belt([(0.0, S_MM + 200, 60.0)], 100, cell_mm=4.0)
+    write_belt_folder(tmp_path / "coarse", belt, pixel_mm=1.3)
+    code, _, error = run("measure", "lumps", tmp_path / "coarse")
+    assert code == 0
+    assert any("--belt-cell 1.3" in line for line in error)
+    code, _, error = run("measure", "lumps", tmp_path / "coarse", "--empty", tmp_path)
+    assert code == 2
+    assert "leave it out" in error[-1]

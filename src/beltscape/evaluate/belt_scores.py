@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.height_map import HeightMap
 from beltscape.evaluate.depth_scores import GROSS_MM
 from beltscape.evaluate.frame_scores import SIGMA_BINS, compute_sigma_ratios
 from beltscape.evaluate.truth import read_core_from_world
 from beltscape.files.arrays import read_arrays
+from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.json_text import read_json
-from beltscape.files.tiff import read_float_tiff
 
 LOADED_MM = 3.0
 """True mean height of a cell from which on it counts as loaded: below it are fines and the edges of lumps."""
@@ -39,23 +38,6 @@ _STEP_MM = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FusedBelt:
-    """The fused belt of a flow, as its folder holds it."""
-
-    heights: HeightMap
-    """On x and the belt coordinate s."""
-    measured: NDArray[np.float64]
-    """(Ny, Nx) share of each cell that some frame measured."""
-    belt_from_core: Pose
-    direction: int
-    """+1 for a belt that travels towards +y, else -1."""
-    positions_mm: Mapping[str, float]
-    """By frame: the measured position of the belt."""
-    counted_mm: tuple[float, float]
-    """Stretch of belt that was counted, in s."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class TrueBelt:
     """The true heights of the load on a moving belt."""
 
@@ -66,6 +48,8 @@ class TrueBelt:
     heap_mm: Mapping[str, float]
     """By frame: y of the heap's middle in the world."""
     core_from_world: Pose
+    rock: NDArray[np.int32] | None = None
+    """(Ny, Nx) number of the rock on top, -1: none; None: not known."""
 
 
 class BeltCeiling(Protocol):
@@ -188,7 +172,7 @@ def compute_true_cells(fused: FusedBelt, truth: TrueBelt) -> tuple[NDArray[np.fl
         If no frame of the flow is one of the truth's.
     """
     mean, extent = (np.empty(fused.heights.height_mm.shape) for _ in range(2))
-    for row, (x_mm, y_mm) in enumerate(_sample_places(fused, truth, _SAMPLES)):
+    for row, (x_mm, y_mm) in enumerate(sample_places(fused, truth, _SAMPLES)):
         heights = _sample(truth, x_mm, y_mm).reshape(_SAMPLES, -1, _SAMPLES)
         mean[row] = heights.mean(axis=(0, 2))
         extent[row] = heights.max(axis=(0, 2)) - heights.min(axis=(0, 2))
@@ -199,7 +183,7 @@ def find_visible_cells(
     fused: FusedBelt, truth: TrueBelt, ceiling: BeltCeiling, cells: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Return which of the ``cells`` (Ny, Nx) some frame of the flow could measure at half of their samples."""
-    n, places = _CEILING_SAMPLES, _sample_places(fused, truth, _CEILING_SAMPLES)
+    n, places = _CEILING_SAMPLES, sample_places(fused, truth, _CEILING_SAMPLES)
     of_cells = [
         np.stack(place).reshape(2, n, -1, n)[:, :, own].transpose(0, 2, 1, 3)
         for place, own in zip(places, cells, strict=True)
@@ -219,10 +203,16 @@ def _list_frames(fused: FusedBelt, truth: TrueBelt) -> tuple[str, ...]:
     return frames
 
 
-def _sample_places(
+def sample_places(
     fused: FusedBelt, truth: TrueBelt, samples: int
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield for each row of cells the places (samples, Nx · samples) in it: x of the world, y of the heap."""
+    """Yield for each row of cells the places (samples, Nx · samples) in it: x of the world, y of the heap.
+
+    Raises
+    ------
+    InputError
+        If no frame of the flow is one of the truth's.
+    """
     frames = _list_frames(fused, truth)
     positions = np.array([fused.positions_mm[name] for name in frames])
     world_from_belt = (fused.belt_from_core @ truth.core_from_world).inverse()
@@ -239,51 +229,21 @@ def _sample_places(
 
 def _sample(truth: TrueBelt, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the height of the nearest true cell; NaN outside."""
+    rows, columns, inside = find_true_cells(truth, x_mm, y_mm)
+    return np.where(inside, truth.height_mm[rows, columns], np.nan)
+
+
+def find_true_cells(
+    truth: TrueBelt, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Return row and column of the nearest true cell, and which of the places lie inside the truth."""
     at: list[NDArray[np.intp]] = []
     inside = np.ones(x_mm.shape, bool)
     for values, nodes in ((y_mm, truth.y_mm), (x_mm, truth.x_mm)):
         index = np.rint((values - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
         inside &= (index >= 0) & (index < len(nodes))
         at.append(index.clip(0, len(nodes) - 1))
-    return np.where(inside, truth.height_mm[at[0], at[1]], np.nan)
-
-
-def read_fused_belt(folder: Path) -> FusedBelt:
-    """Read the fused belt of a folder of ``beltscape measure flow``.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or of an earlier program, or the belt stood still.
-    """
-    path = folder / "flow.json"
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give the --out folder of beltscape measure flow")
-    document = read_json(path)
-    try:
-        grid, strips = document["belt_grid"], document["strips"]
-        pose = Pose.of(grid["belt_from_core"]["rotation"], grid["belt_from_core"]["translation_mm"])
-        origin, cell = grid["origin_mm"], float(grid["cell_mm"])
-        places = {one["frame"]: one["position_mm"] for one in document["places"]}
-        direction = {"+y": 1, "-y": -1, None: 1}[document["direction"]]  # the meter assumes +y
-        counted = [one for one in strips if one["quality"] != "missing"]
-        ends = [float(mm) for one in counted for mm in (one["start_mm"], one["end_mm"])]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: holds no fused belt with its pose ({error!r}); measure the flow again"
-        ) from error
-    if not ends:
-        raise InputError(f"{path}: no belt was counted in it; give a flow with valid strips")
-    planes = [read_float_tiff(folder / f"{name}.tiff") for name in ("belt", "belt_sigma", "belt_measured")]
-    height, sigma, measured = (plane.astype(np.float64) for plane in planes)
-    return FusedBelt(
-        HeightMap(height, sigma, (float(origin[0]), float(origin[1])), cell),
-        measured,
-        pose,
-        direction,
-        {frame: float(mm) for frame, mm in places.items() if mm is not None},
-        (min(ends), max(ends)),
-    )
+    return at[0], at[1], inside
 
 
 def read_true_belt(folder: Path) -> TrueBelt:
@@ -308,4 +268,5 @@ def read_true_belt(folder: Path) -> TrueBelt:
             f"{folder}: holds no truth of a moving belt ({error!r}); simulate the scene again"
         ) from error
     x, y, height = (arrays[name].astype(np.float64) for name in ("x_mm", "y_mm", "height_mm"))
-    return TrueBelt(x, y, height, heaps, read_core_from_world(folder))
+    rock = arrays["rock"].astype(np.int32) if "rock" in arrays else None
+    return TrueBelt(x, y, height, heaps, read_core_from_world(folder), rock)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.evaluate.depth_scores import compute_robust_sigma
 from beltscape.files.arrays import read_arrays
+from beltscape.files.json_text import read_json
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
-from beltscape.measure.lumps.lumps import FINES, Lumps, compute_passing_sizes, measure_lumps
+from beltscape.measure.lumps.lumps import FINES, SHARES, Lumps, compute_passing_sizes, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 
 FULL_SHARE = 0.25
@@ -81,6 +83,12 @@ class LumpScore:
     """Measured by estimated mass."""
     d50_top_mm: float
     """Distribution of the rocks that show `LEAST_PX` pixels, by true mass: a perfect measurement's result."""
+    d_mm: tuple[float, ...]
+    """d10, d50, d80, d90 measured by estimated mass."""
+    d_sigma_mm: tuple[float, ...]
+    """One standard deviation each."""
+    d_top_mm: tuple[float, ...]
+    """The same of the rocks that show `LEAST_PX` pixels, by true mass."""
     d50_heap_mm: float
     """Distribution of all rocks of the heap by mass; the difference is the bias of the top layer."""
 
@@ -159,6 +167,9 @@ def score_lumps(
         **_size_score(error, ((lumps.size_mm - lumps.true_mm) / lumps.sigma_mm), is_entire, is_free),
         d50_mm=found.all.d_mm[1],
         d50_top_mm=_d50(size_mm[is_top], volume_mm3[is_top]),
+        d_mm=found.all.d_mm,
+        d_sigma_mm=found.all.d_sigma_mm,
+        d_top_mm=_compute_percentiles(size_mm[is_top], volume_mm3[is_top]),
         d50_heap_mm=_d50(size_mm, volume_mm3),
     )
 
@@ -273,7 +284,14 @@ def _size_score(
 
 
 def _d50(size_mm: NDArray[np.float64], volume_mm3: NDArray[np.float64]) -> float:
-    return float(compute_passing_sizes(size_mm, volume_mm3, (0.5,))[0]) if len(size_mm) else np.nan
+    return _compute_percentiles(size_mm, volume_mm3)[1]
+
+
+def _compute_percentiles(size_mm: NDArray[np.float64], volume_mm3: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return d10, d50, d80, d90."""
+    if not len(size_mm):
+        return (np.nan,) * len(SHARES)
+    return tuple(float(size) for size in compute_passing_sizes(size_mm, volume_mm3, SHARES))
 
 
 def _mean(values: NDArray[np.bool_]) -> float:
@@ -308,13 +326,13 @@ class TrueHeap:
         return float(np.median(self.depth.depth_mm[self.rock >= 0])) / float(self.camera.focal_px.mean())
 
 
-def read_heap(truth: Path) -> TrueHeap:
-    """Read the heap of a truth folder of ``beltscape simulate``.
+def read_heap(truth: Path, frame: str | None = None) -> TrueHeap:
+    """Read the heap of a truth folder of ``beltscape simulate``, of a moving belt as ``frame`` shows it.
 
     Raises
     ------
     InputError
-        When it contains no scene with rocks, or several.
+        When it contains no scene with rocks, or several, or the frame is none of the moving belt's.
     """
     if not truth.is_dir():
         raise InputError(f"{truth}: no such folder; give truth/ of one loaded belt by beltscape simulate")
@@ -329,6 +347,8 @@ def read_heap(truth: Path) -> TrueHeap:
     if not seen.is_file():
         raise InputError(f"{seen}: is missing beside {rocks[0].name}; simulate the scene again")
     arrays = read_arrays(seen)
+    if rocks[0].name.startswith(_MOVING):
+        arrays = _select_frame(arrays, truth, frame)
     depth = arrays["depth_mm"].astype(np.float32)
     rock = arrays["rock"].astype(np.int32) if "rock" in arrays else np.full(depth.shape, -1, np.int32)
     if depth.ndim != 2 or not (rock >= 0).any():
@@ -341,6 +361,23 @@ def read_heap(truth: Path) -> TrueHeap:
         valid.astype(np.float32),
     )
     return TrueHeap(read_rig(truth / "rig.json").core_camera, perfect, rock, size, volume)
+
+
+_MOVING = "belt_moving"
+"""Name of a moving belt's scene."""
+
+
+def _select_frame(
+    arrays: Mapping[str, NDArray[Any]], truth: Path, frame: str | None
+) -> dict[str, NDArray[Any]]:
+    """Return the planes (H, W) of one frame of a moving belt."""
+    names = [one["frame"] for one in read_json(truth / f"{_MOVING}.json")["frames"]]
+    if frame not in names:
+        raise InputError(
+            f"{truth}: is of a moving belt with the frames {names[0]} to {names[-1]}, not {frame}; give one of its "
+            "frames, or the folder of beltscape measure flow"
+        )
+    return {name: planes[names.index(frame)] for name, planes in arrays.items()}
 
 
 def score_lumps_of_frame(
@@ -362,12 +399,17 @@ def score_lumps_of_frame(
     if depth.depth_mm.shape != heap.rock.shape:
         sizes = ["{1}×{0}".format(*shape) for shape in (depth.depth_mm.shape, heap.rock.shape)]
         raise InputError(f"{frame}: has {sizes[0]} pixels, its truth {sizes[1]}; give both of one capture")
-    full = depth.measured.mean(axis=1)
-    rows = np.flatnonzero(full > _FULL * np.median(full))
-    region = np.zeros(heap.rock.shape, bool)
-    if rows.size:
-        region[rows[0] : rows[-1] + 1] = True
     return score_lumps(
         measure_lumps(depth, camera, settings), heap.rock, heap.size_mm, heap.volume_mm3,
-        pixel_mm=heap.pixel_mm, over_mm=over_mm, region=region, measured=depth.measured,
+        pixel_mm=heap.pixel_mm, over_mm=over_mm, region=find_covered_rows(depth), measured=depth.measured,
     )  # fmt: skip
+
+
+def find_covered_rows(depth: DepthMap) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of the rows that the matcher covered."""
+    full = depth.measured.mean(axis=1)
+    rows = np.flatnonzero(full > _FULL * np.median(full))
+    region = np.zeros(depth.depth_mm.shape, bool)
+    if rows.size:
+        region[rows[0] : rows[-1] + 1] = True
+    return region

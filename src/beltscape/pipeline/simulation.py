@@ -24,7 +24,7 @@ from beltscape.files.rig_json import write_rig
 from beltscape.files.tiff import write_float_tiff
 from beltscape.files.toml_text import read_toml, validate
 from beltscape.report.control_pictures import draw_simulated_frame
-from beltscape.simulate.core_truth import trace_core_view
+from beltscape.simulate.core_truth import label_rocks, trace_core_view
 from beltscape.simulate.rendering.optics import Lens
 from beltscape.simulate.rendering.render import resolve_engine
 from beltscape.simulate.rig_and_projector import DOWN
@@ -35,8 +35,10 @@ from beltscape.simulate.time_of_flight import make_tof_camera, render_tof
 from beltscape.simulate.truth_files import (
     SceneDetails,
     compute_true_load,
+    label_rocks_from_above,
     write_belt,
     write_boards,
+    write_rocks,
     write_station,
     write_truth,
 )
@@ -193,20 +195,30 @@ def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
     half = scenario.belt.length_mm / 2
     still = World((*scene.belt, *(scene.heap.solids if scene.heap else ())), None)
     load = compute_true_load(still, (-left, right), (-half, half), 1.0)
+    heap = scene.heap
+    on_top = {} if heap is None else {"rock": label_rocks_from_above(still, heap, load.x_mm, load.y_mm)}
     write_arrays(
         folder / "belt_moving_load.npz",
         x_mm=load.x_mm,
         y_mm=load.y_mm,
         height_mm=load.height_mm.astype(np.float32),
         area_mm2=load.area_mm2,
+        **on_top,
     )
     depths: list[NDArray[np.float32]] = []
     labels: list[NDArray[np.uint8]] = []
+    rocks: list[NDArray[np.int32]] = []
     for frame in range(scene.frame_count):
-        view = trace_core_view(scene.world_at(frame), scene.station)
+        world = scene.world_at(frame)
+        view = trace_core_view(world, scene.station)
+        if heap is not None:
+            rocks.append(label_rocks(view, world.solids, heap))
         depths.append(view.depth_mm.astype(np.float32))
         labels.append(view.label)
-    write_arrays(folder / "belt_moving_depth.npz", depth_mm=np.stack(depths), label=np.stack(labels))
+    seen = {"rock": np.stack(rocks)} if rocks else {}
+    write_arrays(folder / "belt_moving_depth.npz", depth_mm=np.stack(depths), label=np.stack(labels), **seen)
+    if heap is not None:
+        write_rocks(folder / "belt_moving_rocks.npz", heap)
     frames = [
         {
             "frame": scene.frame_name(i),

@@ -190,6 +190,13 @@ def measurable_shares(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, 
 
 def label_rocks(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
     """Return (H, W) the index of the heap's rock in each pixel, -1 where there is none."""
-    rock_solids = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
-    rock = np.searchsorted(heap.rocks.first_face, truth.face, side="right") - 1
-    return np.where(np.isin(truth.solid, rock_solids), rock, -1).astype(np.int32)
+    return index_rocks(truth.solid, truth.face, solids, heap)
+
+
+def index_rocks(
+    solid: NDArray[np.int64], face: NDArray[np.int64], solids: tuple[Solid, ...], heap: Heap
+) -> NDArray[np.int32]:
+    """Return the index of the heap's rock, -1: none, by the index of the solid and of the face within it."""
+    rock_solids = [i for i, one in enumerate(solids) if one.name == "rocks"]
+    rock = np.searchsorted(heap.rocks.first_face, face, side="right") - 1
+    return np.where(np.isin(solid, rock_solids), rock, -1).astype(np.int32)

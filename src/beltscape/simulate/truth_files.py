@@ -17,6 +17,9 @@
 `views` (number of auxiliaries that see the point), `lit`, `rock` (index in `<name>_rocks.npz`, -1: none); and on the
 recorded image: `depth_distorted_mm`, `label_distorted`.
 
+A moving belt's `belt_moving_load.npz` has `rock` too, seen from above, and its `belt_moving_depth.npz` holds
+`depth_mm`, `label` and `rock` by frame.
+
 The true volume of the load is the space between the belt and the surface seen from vertically above; the true
 dimensions of a module are listed by the quantities that are measured.
 """
@@ -39,6 +42,7 @@ from beltscape.files.rig_json import write_rig
 from beltscape.simulate.core_truth import (
     CoreTruth,
     CoreView,
+    index_rocks,
     is_in_image,
     label_rocks,
     measurable_shares,
@@ -134,6 +138,25 @@ def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.floa
     return height.reshape(x.shape)
 
 
+def label_rocks_from_above(
+    world: World, heap: Heap, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Return (Ny, Nx) the index of the heap's rock that a vertical ray meets first, -1: none."""
+    x, y = np.meshgrid(x_mm, y_mm)
+    high = max(float(solid.vertices_mm[:, 2].max()) for solid in world.solids) + _ABOVE_MM
+    eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high)])
+    scene = RayScene(world.solids)
+    face = scene.cast(eyes, np.broadcast_to(_DOWN, eyes.shape)).face
+    solid = np.where(face >= 0, scene.solid_of_face[face], -1)
+    return index_rocks(solid, face - scene.first_face[solid], world.solids, heap).reshape(x.shape)
+
+
+def write_rocks(path: Path, heap: Heap) -> None:
+    """Write the file of a heap's rocks, as described above."""
+    rocks = heap.rocks
+    write_arrays(path, center_mm=rocks.center_mm, size_mm=rocks.size_mm, volume_mm3=rocks.volume_mm3)
+
+
 def _cell_centres(first: float, last: float, step_mm: float) -> NDArray[np.float64]:
     """Return (N,) centres of an even number of equal cells."""
     count = 2 * max(1, int(np.ceil((last - first) / step_mm / 2 - 1e-9)))
@@ -223,13 +246,7 @@ def write_truth(folder: Path, name: str, world: World, station: Station, details
         document = describe_module(details.module, details.world_from_module)
         write_json(folder / f"{name}_module.json", document)
     if details.heap is not None:
-        rocks = details.heap.rocks
-        write_arrays(
-            folder / f"{name}_rocks.npz",
-            center_mm=rocks.center_mm,
-            size_mm=rocks.size_mm,
-            volume_mm3=rocks.volume_mm3,
-        )
+        write_rocks(folder / f"{name}_rocks.npz", details.heap)
 
 
 def write_station(folder: Path, station: Station, projector: Projector | None) -> None:

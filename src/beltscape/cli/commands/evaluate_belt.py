@@ -21,7 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare the fused belt's loaded cells with their true heights."""
     from beltscape.evaluate.belt_ceiling import MovingCeiling, read_moving_scene
-    from beltscape.evaluate.belt_scores import read_fused_belt, read_true_belt, score_belt
+    from beltscape.evaluate.belt_scores import read_true_belt, score_belt
+    from beltscape.files.fused_belt import read_fused_belt
 
     fused = read_fused_belt(arguments.flow)
     truth, scene = read_true_belt(arguments.truth), read_moving_scene(arguments.truth)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,15 @@ OVER_MM = 60.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "frame", type=Path, nargs="?", metavar="DIR/<frame>",
-        help="frame folder of a reconstruction (left out: lumps by the true depth, the most that depth can tell)",
+        "frame", type=Path, nargs="?", metavar="DIR/<frame>|FLOW",
+        help="frame folder of a reconstruction, or folder of beltscape measure flow (left out: lumps by the true "
+        "depth of a still belt, the most that depth can tell)",
     )  # fmt: skip
     parser.add_argument(
-        "--truth", type=Path, required=True, help="truth folder of simulate, of a loaded belt with rocks"
+        "--truth",
+        type=Path,
+        required=True,
+        help="truth folder of simulate, of a loaded or moving belt with rocks",
     )
     parser.add_argument(
         "--over", type=float, default=OVER_MM, metavar="MM", help=f"what counts as large ({OVER_MM:g})"
@@ -29,17 +33,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Compare one frame's lumps with the visible rocks."""
+    """Compare the lumps of one frame or of a fused belt with the visible rocks."""
     from beltscape.cli.arguments import require_plausible
     from beltscape.core.quantities import LUMP
+    from beltscape.evaluate.belt_lump_scores import score_lumps_of_flow
     from beltscape.evaluate.lump_scores import read_heap, score_lumps_of_frame
+    from beltscape.files.fused_belt import holds_fused_belt
     from beltscape.measure.lumps.settings import LumpSettings
 
     over = require_plausible("--over", arguments.over, LUMP) or OVER_MM
-    heap = read_heap(arguments.truth)
-    score = score_lumps_of_frame(heap, arguments.frame, LumpSettings(), over)
+    frame = arguments.frame
+    if frame is not None and holds_fused_belt(frame):
+        score = score_lumps_of_flow(frame, arguments.truth, LumpSettings(), over)
+    else:
+        heap = read_heap(arguments.truth, None if frame is None else frame.name)
+        score = score_lumps_of_frame(heap, frame, LumpSettings(), over)
     reporter.step("comparing lumps", 1, 1)
-    return {"truth": arguments.truth, "frame": arguments.frame, "over_mm": over, **asdict(score)}
+    return {"truth": arguments.truth, "frame": frame, "over_mm": over, **asdict(score)}
 
 
 def summary(result: Mapping[str, Any]) -> str:
@@ -53,7 +63,11 @@ def summary(result: Mapping[str, Any]) -> str:
         f"size     of {s['sized']} whole lumps: bias {s['size_bias']:+.1%}, median error {s['size_error']:.1%}, "
         f"IQR {s['size_iqr']:.1%}, σ ratio {s['sigma_ratio']:.2f}",
         f"         of {s['all_sized']} lumps: bias {s['all_bias']:+.1%}, median error {s['all_error']:.1%}",
-        f"d50      {s['d50_mm']:.1f} mm; truly {s['d50_top_mm']:.1f} mm in the top layer, {s['d50_heap_mm']:.1f} mm "
-        "in the heap",
+        f"d10–d90  {_format(s['d_mm'])} mm; truly {_format(s['d_top_mm'])} mm in the top layer; d50 of the heap "
+        f"{s['d50_heap_mm']:.1f} mm",
     ))  # fmt: skip
     return text.replace("+nan%", "–").replace("nan%", "–").replace("nan", "–")
+
+
+def _format(sizes_mm: Sequence[float]) -> str:
+    return ", ".join(f"{size:.1f}" for size in sizes_mm)

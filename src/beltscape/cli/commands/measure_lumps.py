@@ -1,4 +1,4 @@
-"""``beltscape measure lumps DIR/<frame> [--oversize MM] [--sieves 10,20,40]``: measures the size of lumps."""
+"""``beltscape measure lumps DIR/<frame>|FLOW [--oversize MM] [--sieves 10,20,40]``: measures the size of lumps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ from beltscape.core.progress import Reporter
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("loaded", type=Path, help="frame folder DIR/<frame> of the loaded belt")
+    parser.add_argument(
+        "loaded",
+        type=Path,
+        help="frame folder DIR/<frame> of the loaded belt, or the "
+        "folder of beltscape measure flow: each lump of the moving belt once",
+    )
     parser.add_argument(
         "--empty",
         type=Path,
@@ -33,15 +38,16 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
     from beltscape.pipeline.measuring.belt import warn_of_camera_faults
-    from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_frame, write_lumps
+    from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_folder, write_lumps
 
     options = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
         options["sieves_mm"] = _sieves(arguments.sieves)
-    measured = measure_lumps_of_frame(
+    measured = measure_lumps_of_folder(
         arguments.loaded, make_settings(LumpSettings, **options), empty=arguments.empty, reporter=reporter
     )
-    warn_of_camera_faults(measured.frame, reporter)
+    if measured.frame is not None:
+        warn_of_camera_faults(measured.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, measured)

@@ -371,22 +371,24 @@ class LayerBuffer:
         return out
 
 
-_CELL_MM = 4.0
+PICTURE_CELL_MM = 4.0
 """Cell of the picture."""
-_LONGEST_ROWS = 50_000
-"""Rows kept for the picture, 200 m of belt; older ones are dropped, which bounds the memory."""
+_LONGEST_ROWS, _MOST_CELLS = 50_000, 16_000_000
+"""Rows and cells kept for the picture, 200 m of belt and 0.5 GB; older ones are dropped, which bounds the memory."""
 
 
 class BeltPicture:
     """Collects finished pieces of belt as means over blocks of cells; very long belts lose their oldest part."""
 
-    def __init__(self, ground: EmptyBeltReference) -> None:
-        """Use the cells of an empty-belt reference."""
+    def __init__(self, ground: EmptyBeltReference, cell_mm: float = PICTURE_CELL_MM) -> None:
+        """Use blocks of an empty-belt reference's cells, with an edge near ``cell_mm``."""
         self._cell_mm = ground.cell_mm
         self._x_mm = ground.grid.origin_mm[0]
-        self._side = max(1, round(_CELL_MM / ground.cell_mm))
+        self._side = max(1, round(cell_mm / ground.cell_mm))
         self._parts: dict[int, NDArray[np.float64]] = {}
         """For each row of blocks: (4, m) sums of height, of measured cells and of σ, and the number of rows."""
+        self.is_shortened = False
+        """Whether the oldest part was dropped."""
 
     @property
     def cell_mm(self) -> float:
@@ -404,8 +406,9 @@ class BeltPicture:
             sums = values.sum(axis=1).reshape(len(planes), -1, self._side).mean(axis=2)
             sums = np.vstack([sums, np.full(sums.shape[1], own.sum())])
             self._parts[int(block)] = self._parts.get(int(block), 0.0) + sums
-        while len(self._parts) > _LONGEST_ROWS:
-            del self._parts[next(iter(self._parts))]
+            while len(self._parts) > min(_LONGEST_ROWS, _MOST_CELLS // max(sums.shape[1], 1)):
+                del self._parts[next(iter(self._parts))]
+                self.is_shortened = True
 
     def height_map(self) -> tuple[HeightMap, NDArray[np.float64]]:
         """Return heights over the empty belt on x and s, NaN outside all views, and the share of measured cells.

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.height_map import HeightMap
 
 _MIN_WEIGHT = 0.02
 """Share of measured cells in a window from which an unmeasured cell is interpolated."""
@@ -38,6 +40,8 @@ class Raster:
     """Pixels per cell, along both axes."""
     cell_rad: float
     """Width of a cell over its depth."""
+    beyond: NDArray[np.bool_]
+    """(R, C) cells that end the view: a lump beside them is cut."""
 
     @property
     def points_mm(self) -> NDArray[np.float64]:
@@ -70,7 +74,47 @@ def make_raster(depth: DepthMap, camera: Camera, pixels: int) -> Raster | None:
     at = camera.rays()[: high * factor, : wide * factor]
     rays = at.reshape(high, factor, wide, factor, 2).mean(axis=(1, 3))
     return Raster(
-        filled.astype(np.float64), measured, (-filled / np.float32(cell_mm)), rays, factor, cell_rad
+        filled.astype(np.float64),
+        measured,
+        (-filled / np.float32(cell_mm)),
+        rays,
+        factor,
+        cell_rad,
+        _find_outer_gaps(measured),
+    )
+
+
+def _find_outer_gaps(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the unmeasured cells (R, C) that are connected to the border of the frame."""
+    gaps, _ = ndimage.label(~measured)
+    edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
+    return np.isin(gaps, edge[edge > 0])
+
+
+DISTANCE_MM = 1e6
+"""Distance of the virtual camera over a height map: so far away that its rays are parallel to 0.001."""
+
+
+def make_height_raster(heights: HeightMap) -> Raster | None:
+    """Return a height map as a raster under a virtual camera far above its middle; None where all is NaN.
+
+    Filled heights count as surface, since they continue what was measured beside them; NaN is where the view ends.
+    """
+    known = np.isfinite(heights.height_mm)
+    if not known.any():
+        return None
+    height = fill_gaps(heights.height_mm.astype(np.float32), known)
+    x, y = ((places - places.mean()) / DISTANCE_MM for places in (heights.x_mm, heights.y_mm))
+    # y is upwards in the image, so that the rows keep their order
+    rays = np.stack(np.meshgrid(x, -y), axis=-1)
+    return Raster(
+        depth_mm=DISTANCE_MM - height.astype(np.float64),
+        measured=known,
+        height_px=height / np.float32(heights.cell_mm),
+        rays=rays,
+        factor=1,
+        cell_rad=heights.cell_mm / DISTANCE_MM,
+        beyond=~known,
     )
 
 

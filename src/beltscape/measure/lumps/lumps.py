@@ -56,7 +56,7 @@ class Lump:
     number: int
     """Value in the label image, from 1."""
     center_mm: tuple[float, float, float]
-    """Centre of the visible surface, in the belt frame if the empty belt is given, else in the core's."""
+    """Centre of the visible surface, in `Lumps.frame`."""
     size_mm: float
     """Estimated sieve size."""
     sigma_mm: float
@@ -228,8 +228,10 @@ def compute_passing_shares(
 
 FINES = 65_535
 """Label of load that is not part of a lump."""
-_MAX_LUMPS = FINES - 1
+MAX_LUMPS = FINES - 1
 """The labels are 16-bit."""
+FUSED_BELT = "fused belt"
+"""`Lumps.frame` of a fused belt."""
 DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Without an empty belt the camera is assumed to point vertically down; z is upwards from the camera."""
 BIAS = (
@@ -260,10 +262,10 @@ class Lumps(Displayed):
     lumps: tuple[Lump, ...]
     """In the order of their numbers."""
     labels: NDArray[np.uint16]
-    """(H, W) uint16 on the core's pinhole grid: a lump's number, `FINES` for load outside lumps (if the empty belt is
-    given), else 0."""
+    """(H, W) uint16 on the core's pinhole grid, or on the fused belt's cells: a lump's number, `FINES` for load
+    outside lumps (if the empty belt is given), else 0."""
     frame: str
-    """"belt" or "core": the frame of the lumps' centres."""
+    """"belt" or "core": the frame of the lumps' centres; `FUSED_BELT`: x, the position s along the belt, z."""
     cell_mm: float
     """Width of a cell of the segmented raster, at the median depth."""
     smallest_mm: float
@@ -304,24 +306,46 @@ def measure_lumps(depth: DepthMap, camera: Camera, settings: LumpSettings, belt:
     )
     # a systematic error of all pixels moves a lump's edges by up to its size
     lumps = [replace(lump, sigma_mm=float(np.hypot(lump.sigma_mm, depth.systematic_mm))) for lump in lumps]
-    kept = [lump for lump in lumps if lump.width_mm >= settings.smallest_px * cell_mm][:_MAX_LUMPS]
+    kept = [lump for lump in lumps if lump.width_mm >= settings.smallest_px * cell_mm][:MAX_LUMPS]
     lumps, cells = _renumber(kept, segmentation)
-    loaded = None if load is None else load & raster.measured
-    fines = np.nan if loaded is None else float(((cells == 0) & loaded).sum() / max(loaded.sum(), 1))
-    if loaded is not None:
-        cells = np.where((cells == 0) & loaded, FINES, cells)
+    fines = np.nan
+    if load is not None:
+        cells, fines = mark_fines(cells, load & raster.measured)
+    along_mm = float(np.ptp(raster.points_mm[..., 1][raster.measured]))
+    labels = _enlarge(cells, raster.factor, depth.depth_mm.shape)
+    frame = "core" if belt is None else "belt"
+    return make_lumps(lumps, labels, frame, cell_mm, settings, fines_share=fines, along_mm=along_mm)
+
+
+def mark_fines(cells: NDArray[np.int64], loaded: NDArray[np.bool_]) -> tuple[NDArray[np.int64], float]:
+    """Return numbers of lumps (R, C) with `FINES` where a loaded cell has none, and the share of these cells."""
+    fine = (cells == 0) & loaded
+    return np.where(fine, FINES, cells), float(fine.sum() / max(loaded.sum(), 1))
+
+
+def make_lumps(
+    lumps: tuple[Lump, ...],
+    labels: NDArray[np.uint16],
+    frame: str,
+    cell_mm: float,
+    settings: LumpSettings,
+    *,
+    fines_share: float,
+    along_mm: float,
+) -> Lumps:
+    """Return measured lumps with their distribution and alarm; ``along_mm`` is the view's length along the belt."""
     uncut = [lump for lump in lumps if not lump.cut]
+    whole = [lump for lump in uncut if not lump.occluded]
+    reach = along_mm if any(lump.cut for lump in lumps) else np.inf
     return Lumps(
         lumps=lumps,
-        labels=_enlarge(cells, raster.factor, depth.depth_mm.shape),
-        frame="core" if belt is None else "belt",
+        labels=labels,
+        frame=frame,
         cell_mm=cell_mm,
         smallest_mm=settings.smallest_px * cell_mm,
-        fines_share=fines,
-        all=_compute_weighted_distribution(uncut, lumps, raster, settings),
-        whole=_compute_weighted_distribution(
-            [lump for lump in uncut if not lump.occluded], lumps, raster, settings
-        ),
+        fines_share=fines_share,
+        all=_compute_weighted_distribution(uncut, reach, settings),
+        whole=_compute_weighted_distribution(whole, reach, settings),
         oversize=None if settings.oversize_mm is None else assess_oversize(lumps, settings.oversize_mm),
     )
 
@@ -359,16 +383,16 @@ def _enlarge(cells: NDArray[np.int64], factor: int, shape: tuple[int, ...]) -> N
 
 
 def _compute_weighted_distribution(
-    chosen: Sequence[Lump], lumps: Sequence[Lump], raster: Raster, settings: LumpSettings
+    chosen: Sequence[Lump], along_mm: float, settings: LumpSettings
 ) -> SizeDistribution:
-    """Return the distribution by mass; a lump's weight is 1/P(not cut), as the frame cuts large ones more often."""
+    """Return the distribution by mass; a lump's weight is 1/P(not cut), as the ends cut large ones more often.
+
+    ``along_mm`` is infinite where none was cut.
+    """
     size = np.array([lump.size_mm for lump in chosen])
-    mass = np.array([lump.volume_mm3 for lump in chosen])
-    if any(lump.cut for lump in lumps):
-        # Miles & Lantuéjoul, see Serra 1982, Image Analysis and Mathematical Morphology, ch. VIII
-        along = float(np.ptp(raster.points_mm[..., 1][raster.measured]))
-        reach = np.array([lump.length_mm for lump in chosen])
-        mass = mass / np.clip(1 - reach / along, 0.25, 1)
+    # Miles & Lantuéjoul, see Serra 1982, Image Analysis and Mathematical Morphology, ch. VIII
+    reach = np.array([lump.length_mm for lump in chosen])
+    mass = np.array([lump.volume_mm3 for lump in chosen]) / np.clip(1 - reach / along_mm, 0.25, 1)
     return compute_distribution(size, mass, np.array(settings.sieves_mm))
 
 

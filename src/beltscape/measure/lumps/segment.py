@@ -140,7 +140,7 @@ class Rims:
 def measure_rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], count: int) -> Rims:
     """Measure the rims of regions (R, C) numbered 0 to ``count``, given the probability of an outline (R, C)."""
     length, hidden, strong = (np.zeros(count + 1) for _ in range(3))
-    beyond = np.pad(_border_gap_mask(raster.measured), 1, constant_values=True)
+    beyond = np.pad(raster.beyond, 1, constant_values=True)
     is_open = np.zeros(count + 1, bool)
     step = _STEP_CELLS * raster.depth_mm * raster.cell_rad
     for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -156,13 +156,6 @@ def measure_rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.
     for down, right in ((0, 1), (2, 1), (1, 0), (1, 2)):
         is_open[labels[beyond[down : down + rows, right : right + columns]]] = True
     return Rims(length, hidden, strong, is_open)
-
-
-def _border_gap_mask(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the unmeasured cells (R, C) that are connected to the border of the frame."""
-    gaps, _ = ndimage.label(~measured)
-    edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
-    return np.isin(gaps, edge[edge > 0])
 
 
 _OUTLINE_FLOOR = 0.03

@@ -30,7 +30,7 @@ from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.motion_evidence import MotionEvidence
-from beltscape.measure.flow.rows import BeltPicture
+from beltscape.measure.flow.rows import PICTURE_CELL_MM, BeltPicture
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_chain import (
     FlowChain,
@@ -87,12 +87,14 @@ def measure_flow_of_capture(
     settings: FlowSettings | None = None,
     preset: str = "standard",
     load_mm: float | None = None,
+    belt_cell_mm: float = PICTURE_CELL_MM,
 ) -> Flow:
     """Reconstruct a capture of the moving belt frame by frame and measure the flow.
 
     Without ``encoder`` the belt's motion is measured from the material, and the times come from the capture's own
     encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
     range that a few frames show. The rig is scaled to images that are binned or reduced.
+    ``belt_cell_mm`` is the edge of a cell of the picture.
 
     Raises
     ------
@@ -105,11 +107,8 @@ def measure_flow_of_capture(
     source = open_capture(capture, rig, reporter)
     instants = list_instants(source, encoder, frames_per_s, reporter)
     ground = read_reference(empty, rig, None if settings is None else settings.cell_mm, reporter)
-    if load_mm is None:
-        near_far = widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
-    else:
-        near_far = compute_depth_range(ground, load_mm)
-    picture, steps = BeltPicture(ground), list[FramePlacement]()
+    near_far = _find_depth_range(ground, source, rig, load_mm, reporter)
+    picture, steps = BeltPicture(ground, belt_cell_mm), list[FramePlacement]()
     meter = BeltFlowMeter(
         ground,
         settings,
@@ -133,8 +132,17 @@ def measure_flow_of_capture(
     spent = (perf_counter() - began) / max(len(instants), 1)
     require_consistent_motion(meter, direction, encoder, done=True)
     warn_of_motion_conflicts(meter, encoder, reporter)
-    _warn_of_gaps(records, reporter)
+    _warn_of_missing(records, picture, reporter)
     return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
+
+
+def _find_depth_range(
+    ground: EmptyBeltReference, source: FolderSource, rig: Rig, load_mm: float | None, reporter: Reporter
+) -> tuple[float, float]:
+    """Return the depths to search: up to the load's given height, by default what a few frames show."""
+    if load_mm is not None:
+        return compute_depth_range(ground, load_mm)
+    return widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
 
 
 def _make_chain(
@@ -152,8 +160,12 @@ def _read_frame_set(source: FolderSource, instant: Instant) -> FrameSet:
     return FrameSet(instant.frame, images, instant.time_ns, instant.position_mm, exposures_us)
 
 
-def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:
-    """Warn of the frames of which nothing was counted."""
+def _warn_of_missing(records: Sequence[FlowRecord], picture: BeltPicture, reporter: Reporter) -> None:
+    """Warn of the frames of which nothing was counted, and of a belt too long for the picture."""
+    if picture.is_shortened:
+        reporter.warn(
+            "the fused belt holds the end of the run only; measure shorter runs, or give a larger --belt-cell"
+        )
     lost = [record.frame for record in records if record.quality == "missing"]
     if lost:
         reporter.warn(

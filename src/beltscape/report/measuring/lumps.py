@@ -1,11 +1,12 @@
-"""The report page of the lumps: sizes, size distribution and oversize.
+"""The report page of the lumps of a frame or of a fused belt: sizes, size distribution and oversize.
 
-Its pictures show the lumps coloured by size on the shaded surface, and outlined on the camera image.
+Its pictures show the lumps coloured by size on the shaded surface, and outlined on the camera image of a frame.
 """
 
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,8 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image, to_grey
-from beltscape.measure.lumps.lumps import BIAS, FINES, Lump, Lumps
+from beltscape.core.height_map import HeightMap
+from beltscape.measure.lumps.lumps import BIAS, FINES, FUSED_BELT, Lump, Lumps
 from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.charts import Mark as ChartMark
 from beltscape.report.drawing.depth_picture import LIGHT
@@ -43,14 +45,16 @@ def largest_lumps(lumps: Lumps) -> list[Lump]:
     return sorted(lumps.lumps, key=lambda lump: -lump.size_mm)[:count]
 
 
-def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Panel]:
+def make_lump_panels(lumps: Lumps, surface: DepthMap | HeightMap, picture: Image | None) -> list[Panel]:
     """Return the lumps outlined on the surface coloured by size, and outlined on the camera image."""
+    if isinstance(surface, HeightMap):
+        return _make_belt_panels(lumps, surface)
     area = crop_to_lumps(lumps)
     labels = lumps.labels[area]
-    scale = Scale(*quantile_range(_size_by_label(lumps), 0.02), HEIGHT[40:])
+    scale = _make_size_scale(lumps)
     marks = _marks(lumps, labels)
     sized = _draw_outlines(
-        color_by_size(labels, lumps, _shade_relief(depth)[area], scale), labels, lumps, _OUTLINE
+        color_by_size(labels, lumps, _shade_relief(surface)[area], scale), labels, lumps, _OUTLINE
     )
     panels = [Panel(sized, "size of the lumps, mm", scale, _key(labels, lumps), marks=marks)]
     if picture is not None:
@@ -61,6 +65,42 @@ def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> li
         outlines = Swatches([("outline of a lump", _SEEN_OUTLINE), *_oversize_swatch(lumps)])
         panels.append(Panel(seen, "what the core camera saw", outlines, marks=marks))
     return panels
+
+
+def _make_size_scale(lumps: Lumps) -> Scale:
+    return Scale(*quantile_range(_size_by_label(lumps), 0.02), HEIGHT[40:])
+
+
+_PIECE_ROWS, _MOST_PIECES = 1600, 12
+"""Rows of the fused belt in a picture, and largest number of pictures; of a longer belt fewer rows are drawn."""
+
+
+def _make_belt_panels(lumps: Lumps, heights: HeightMap) -> list[Panel]:
+    """Return the lumps of a fused belt coloured by size, in pieces; the belt travels to the left."""
+    rows, _ = crop_to_lumps(lumps)
+    first, end, _ = rows.indices(len(lumps.labels))
+    every = max(1, -(-(end - first) // (_PIECE_ROWS * _MOST_PIECES)))
+    count = max(1, -(-(end - first) // (_PIECE_ROWS * every)))
+    scale, key, relief = _make_size_scale(lumps), _key(lumps.labels, lumps), _shade_heights(heights)
+    panels: list[Panel] = []
+    for number, part in enumerate(np.array_split(np.arange(first, end), count)):
+        area = np.ix_(part[::every], np.arange(0, lumps.labels.shape[1], every))
+        labels = np.ascontiguousarray(lumps.labels[area].T)
+        colors = color_by_size(labels, lumps, relief[area].T, scale)
+        start, stop = (float(heights.y_mm[row]) for row in (part[0], part[-1]))
+        title = f"size of the lumps, mm; belt coordinate {start:.0f} to {stop:.0f} mm"
+        legend = (scale, key) if number == 0 else (None, None)
+        drawn = _draw_outlines(colors, labels, lumps, _OUTLINE)
+        panels.append(Panel(drawn, title, *legend, marks=_marks(lumps, labels)))
+    return panels
+
+
+def _shade_heights(heights: HeightMap) -> NDArray[np.float64]:
+    """Return the shading (Ny, Nx) of a height map lit from above left; 1 where it is level or not in view."""
+    known = np.isfinite(heights.height_mm)
+    z = cv2.medianBlur(np.where(known, heights.height_mm, 0.0).astype(np.float32), 5)
+    z = cv2.GaussianBlur(z, (0, 0), 1.2)
+    return _shade(-z, heights.cell_mm, known)
 
 
 def color_by_size(labels: NDArray[np.uint16], lumps: Lumps, relief: NDArray[np.float64], scale: Scale) -> Rgb:
@@ -95,7 +135,7 @@ def _key(labels: NDArray[np.uint16], lumps: Lumps) -> Swatches:
     if any(lump.occluded or lump.cut for lump in lumps.lumps):
         middle = np.asarray(HEIGHT[148], np.float64)
         red, green, blue = (round(_PALE * float(c) + (1 - _PALE) * _PALE_TO) for c in middle)
-        entries.append(("pale: partly hidden, or cut by the frame", (red, green, blue)))
+        entries.append(("pale: partly hidden, or cut by the view's ends", (red, green, blue)))
     return Swatches([*entries, *_oversize_swatch(lumps)])
 
 
@@ -147,7 +187,12 @@ def _shade_relief(depth: DepthMap) -> NDArray[np.float64]:
     middle = float(np.median(depth.depth_mm[measured])) if measured.any() else 1.0
     z = cv2.medianBlur(np.where(measured, depth.depth_mm, middle).astype(np.float32), 5)
     z = cv2.GaussianBlur(z, (0, 0), 1.2)
-    pixel = middle / (1.0 * max(depth.depth_mm.shape))  # the lens' angle is about one radian
+    # the lens' angle is about one radian
+    return _shade(z, middle / (1.0 * max(depth.depth_mm.shape)), measured)
+
+
+def _shade(z: NDArray[Any], pixel: float, measured: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the shading (H, W) of smooth depths (H, W) with pixels of a width."""
     down, right = np.gradient(z.astype(np.float64))
     normal = np.stack([right / pixel, down / pixel, -np.ones_like(down)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -183,10 +228,10 @@ _CURVES: tuple[tuple[str, bool, str, ChartMark], ...] = (
 """(name, whether of fully visible lumps only, role of the palette, mark)."""
 
 
-def render_lumps_page(lumps: Lumps, depth: DepthMap, picture: Image | None) -> str:
-    """Return report.html of a frame's lumps."""
+def render_lumps_page(lumps: Lumps, surface: DepthMap | HeightMap, picture: Image | None = None) -> str:
+    """Return report.html of the lumps of a frame, or of a fused belt."""
     sections = [
-        Section("Lumps in view", "Each lump in the colour of its size.", _view(lumps, depth, picture)),
+        Section("Lumps in view", "Each lump in the colour of its size.", _view(lumps, surface, picture)),
         Section("Size distribution", BIAS, _list_size_items(lumps)),
         Section("The largest", "Sizes with one standard deviation.", [_table(lumps)]),
     ]
@@ -212,7 +257,7 @@ def summarise_lumps(lumps: Lumps) -> str:
     return f"{text}. None over {alarm.limit_mm:g} mm (probability of one {alarm.probability:.0%})."
 
 
-def _view(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Item]:
+def _view(lumps: Lumps, surface: DepthMap | HeightMap, picture: Image | None) -> list[Item]:
     tiles = [
         Tile(name, f"{d:.1f}" if np.isfinite(d) else "–", "mm", f"σ {s:.1f} mm")
         for name, d, s in zip(("d10", "d50", "d80"), lumps.all.d_mm, lumps.all.d_sigma_mm, strict=False)
@@ -223,7 +268,8 @@ def _view(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Item]:
         chance = f"{100 * lumps.oversize.probability:.0f}"
         tiles.append(Tile("oversize", chance, "%", f"that one is over {lumps.oversize.limit_mm:g} mm"))
     caption = "Numbers: as in the table of the largest. Sizes of pale lumps are less sure."
-    return [Tiles(tiles), Pictures(make_lump_panels(lumps, depth, picture), caption, columns=2)]
+    columns = 1 if isinstance(surface, HeightMap) else 2
+    return [Tiles(tiles), Pictures(make_lump_panels(lumps, surface, picture), caption, columns=columns)]
 
 
 def _list_size_items(lumps: Lumps) -> list[Item]:
@@ -307,7 +353,9 @@ def _table(lumps: Lumps) -> Table:
         "hidden",
         "cut",
     ]
-    columns.append(f"place x, y mm ({lumps.frame})")
+    columns.append(
+        "place x, s mm (fused belt)" if lumps.frame == FUSED_BELT else f"place x, y mm ({lumps.frame})"
+    )
     rows: list[list[str]] = []
     for lump in largest_lumps(lumps):
         row = [str(lump.number), f"{lump.size_mm:.1f}", f"{lump.sigma_mm:.1f}", f"{lump.length_mm:.1f}"]

@@ -42,6 +42,7 @@ apart = (
     "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
     "beltscape.protocols.mqtt.json_channel", "beltscape.protocols.mqtt.sparkplug", "beltscape.protocols.opcua",
     "beltscape.protocols.outputs", "beltscape.protocols.outputs", "beltscape.site",
+    "beltscape.commissioning",
 )
 for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     if not module.name.startswith(apart):

@@ -94,7 +94,9 @@ class StepRun:
             env={**os.environ, "PYTHONUTF8": "1"},
         ) as process:  # fmt: skip
             self._process = process
-            listener = threading.Thread(target=self._listen, args=(process,), daemon=True)
+            listener = threading.Thread(
+                target=self._listen, args=(process,), name="output of a step", daemon=True
+            )
             listener.start()
             assert process.stdout is not None
             text = process.stdout.read()

@@ -118,7 +118,10 @@ class CommissionSession:
             self._running, self._progress = name, StepProgress()
             self._failures.pop(name, None)
             self._run = StepRun(self.state, self._progress)
-            threading.Thread(target=self._work, args=(name, self._run), daemon=True).start()
+            work = threading.Thread(
+                target=self._work, args=(name, self._run), name=f"step {name}", daemon=True
+            )
+            work.start()
 
     def _work(self, name: str, run: StepRun) -> None:
         failure = ""

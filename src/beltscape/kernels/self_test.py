@@ -14,6 +14,7 @@ MOST_DIFFERENT = 1e-3
 """Share of values that may differ more: a sample at the very border may be in for one and out for the other."""
 
 _HEIGHT, _WIDTH, _VIEWS = 70, 90, 3
+"""Size of the test images: more than one block of threads in each direction; and number of views."""
 
 
 def find_disagreement(found: Any, expected: Any) -> str | None:

@@ -14,6 +14,7 @@ from beltscape.kernels.cuda.device import Size, Workspace, blocks_of
 MOST_VIEWS = 8
 """Views of one surface's normal equations (``kMostFitViews`` of least_squares.cuh)."""
 _TILE = 32, 8, 1
+"""Threads of a block: a warp along the rows."""
 _TAPS = 16
 """Taps of a window's half at most, with the central one (``kMaxRadius`` + 1)."""
 _WINDOWS_BYTES = 4096

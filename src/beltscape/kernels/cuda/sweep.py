@@ -16,12 +16,15 @@ MOST_BEST = 8
 _TILE = 32, 8, 1
 """Threads of a block, which take a pixel each (``kTileWidth``, ``kTileHeight``)."""
 _MEAN_THREADS = 256, 1, 1
+"""Threads of a block that averages views, a pixel each."""
 _WARP = 32
+"""Threads of a warp."""
 _UNIT = 32
 """Pixels of which an aligned image's first one is a multiple, and its rows' length (``kAlignedUnit``)."""
 _SMALLEST_SPLINE = 4
 """Pixels of a side that cubic interpolation needs."""
 _DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (-1, 1), (1, -1))
+"""Directions (columns, rows) of the paths of aggregation."""
 
 
 def can_sweep(given: Any) -> bool:

@@ -22,9 +22,9 @@ class FlowSettings(BaseModel):
     """Edge of a cell of the fused surface; None: one pixel on the belt."""
     layers: Annotated[int, Field(ge=2, le=64)] = 12
     """Number of frames fused at one position of the belt; intermediate frames of a slow belt are skipped."""
-    block_mm: Length = 160.0
-    """Length of belt whose holes are filled at once. Each block also costs its margins: with 80 mm the filling takes
-    half as long again, with the same total; a record waits for its block."""
+    block_mm: Length = 80.0
+    """Length of belt whose holes are filled at once. Each block also costs its margins: with 160 mm the filling takes
+    two thirds of the time, with the same total, but a record waits for its block, and a failure loses more belt."""
     margin_mm: Length = 50.0
     """Length beyond a block that the filling uses; a longer stretch without any measured row is a gap."""
     bridge_mm: Length = 2000.0

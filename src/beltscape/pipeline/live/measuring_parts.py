@@ -97,8 +97,8 @@ def make_measuring_parts(
         With one line that names the fault and the fix.
     """
     settings, watch = project.settings, project.settings.watch
-    provenance = describe_provenance(project)
-    drift = DriftMonitor(scale_to_matching(project, rig), provenance["rig"])
+    rig_sha256 = describe_measured_by(project.resolve(settings.rig), project.resolve(settings.empty))["rig"]
+    drift = DriftMonitor(scale_to_matching(project, rig), rig_sha256)
     context = build_context(project, rig, reporter, data, workers, drift)
     learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
     present = zero.read_zero(path, learned, digest, reporter)
@@ -106,7 +106,7 @@ def make_measuring_parts(
     return MeasuringParts(
         context=context.with_empty_belt(present),
         rig=rig,
-        provenance=provenance,
+        provenance=describe_provenance(project),
         drift=drift,
         inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
         zero=zero.ZeroControl(learned, settings.health.belt, path, digest),

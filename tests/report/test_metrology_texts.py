@@ -15,7 +15,7 @@ FOLDER = files("beltscape.report.metrology") / "languages"
 ENGLISH = json.loads((FOLDER / "en.json").read_text(encoding="utf-8"))
 MADE = ("note.", "effect.", "result.", "part.", "part_name.", "how.", "advice.", "budget.note.", "kind.", "type.",
         "column.", "reference.", "sample.", "verdict.", "standing.", "explain.", "linearity.",
-        "lack_of_fit.", "drift.")  # fmt: skip
+        "lack_of_fit.", "drift.note.", "drift.part.", "drift.action.", "drift.column.")  # fmt: skip
 """Beginnings of keys that are put together."""
 
 

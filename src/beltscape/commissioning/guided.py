@@ -46,7 +46,7 @@ FIRST_SCORE, SCORE_EVERY = 6, 4
 LEAST_VIEWS = 8
 """Views below which it is never enough: of fewer, the held-out score is that of a few poses."""
 _BLAMED_VIEWS = 2
-"""Newest views that a camera must contradict to be blamed: one may be a blink of its trigger."""
+"""Newest views that a camera must contradict before it is named: one may be a blink of its trigger."""
 _CLOSE_S = 30.0
 """Longest wait for the frame set that is being assessed: a large one takes seconds on a busy machine."""
 _WAIT_S = 0.1

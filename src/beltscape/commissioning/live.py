@@ -149,7 +149,7 @@ class LiveView:
                 self._frames = frames
                 self._lock.notify_all()
                 if self._has_consumer and isinstance(source, CarriedBoard):
-                    # whoever carries this board waits until the view was looked at
+                    # the carried board of the trial waits until the view was looked at
                     self._lock.wait_for(
                         lambda f=frames: self._assessed == f.frame or self._source is None, _CARRY_S
                     )

@@ -27,7 +27,7 @@ from beltscape.service.access import Access, User, install_access, require_role
 from beltscape.service.data_rights import restrict_rights
 from beltscape.service.hosting import RunningServer, check_listening, serve
 from beltscape.service.settings import PageSettings
-from beltscape.service.static import RevalidatedFiles, make_static_files
+from beltscape.service.static import RevalidatedFiles, make_page_app, make_static_files
 
 FOLDER = Path(__file__).parent / "page"
 Engineer = Annotated[User, Depends(require_role("engineer"))]
@@ -50,15 +50,7 @@ class SettingChanges(BaseModel):
 
 def create_commission_app(session: CommissionSession, access: Access, language: str) -> FastAPI:
     """Return the application; described at /api/openapi.json."""
-    app = FastAPI(
-        title="Beltscape commissioning",
-        version=__version__,
-        summary="From bare cameras to a certificate, in steps.",
-        openapi_url="/api/openapi.json",
-        docs_url=None,  # its page would load scripts from other servers
-        redoc_url=None,
-        redirect_slashes=False,  # its address would lack a proxy's path
-    )
+    app = make_page_app("Beltscape commissioning", "From bare cameras to a certificate, in steps.")
     app.mount("/page", make_static_files(), name="page")
     app.mount("/commission", RevalidatedFiles(directory=FOLDER), name="commission")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from fastapi import FastAPI
 from fastapi.responses import FileResponse
 
-from beltscape import __version__
 from beltscape.core.interfaces import Controls
 from beltscape.service.access import Access, install_access
 from beltscape.service.api import alarms, export, health, live_stream, metrics, state
@@ -18,7 +17,7 @@ from beltscape.service.api.common import AppContext
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
-from beltscape.service.static import FOLDER, make_static_files
+from beltscape.service.static import FOLDER, make_page_app, make_static_files
 from beltscape.sinks.historian import Historian
 
 
@@ -37,14 +36,8 @@ def create_app(
     ``reloader`` reads the settings again for engineers; None: the page's part for it stays away;
     without ``production`` so do products, batches and reports, and without ``drift`` that of the rig.
     """
-    app = FastAPI(
-        title="Beltscape",
-        version=__version__,
-        summary="Bulk material on a conveyor belt: flow, totals, surface, alarms, history.",
-        openapi_url="/api/openapi.json",
-        docs_url=None,  # its page would load scripts from other servers
-        redoc_url=None,
-        redirect_slashes=False,  # its address would lack a proxy's path
+    app = make_page_app(
+        "Beltscape", "Bulk material on a conveyor belt: flow, totals, surface, alarms, history."
     )
     live_state.restore_totals(history.totals)
     live_state.set_settings(settings)

@@ -1,4 +1,4 @@
-"""The static files of the operator's page."""
+"""The applications that serve pages, and the static files of the operator's page."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import mimetypes
 from dataclasses import asdict
 from pathlib import Path
 
+from fastapi import FastAPI
 from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from beltscape import __version__
 from beltscape.service.settings import list_languages
 
 FOLDER = Path(__file__).parent / "page"
@@ -19,6 +21,19 @@ _LANGUAGES = "languages.json"
 # the system's own table may lack these types or differ
 for _ending, _kind in ((".js", "text/javascript"), (".woff2", "font/woff2"), (".json", "application/json")):
     mimetypes.add_type(_kind, _ending)
+
+
+def make_page_app(title: str, summary: str) -> FastAPI:
+    """Return an application without routes, described at /api/openapi.json."""
+    return FastAPI(
+        title=title,
+        version=__version__,
+        summary=summary,
+        openapi_url="/api/openapi.json",
+        docs_url=None,  # its page would load scripts from other servers
+        redoc_url=None,
+        redirect_slashes=False,  # its address would lack a proxy's path
+    )
 
 
 class RevalidatedFiles(StaticFiles):

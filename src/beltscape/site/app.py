@@ -22,7 +22,7 @@ from beltscape.core.alarms import Severity
 from beltscape.production.calendar import open_zone
 from beltscape.production.shifts import list_production_days, list_shifts
 from beltscape.service.access import Access, User, install_access, require_role
-from beltscape.service.static import RevalidatedFiles, make_static_files
+from beltscape.service.static import RevalidatedFiles, make_page_app, make_static_files
 from beltscape.site.balance import BalanceResult
 from beltscape.site.balancing import BalanceStatus
 from beltscape.site.catch_up import RecordSums
@@ -249,14 +249,8 @@ class SiteState:
 def create_site_app(state: SiteState, access: Access) -> FastAPI:
     """Return the application; described at /api/openapi.json."""
     settings = state.settings
-    app = FastAPI(
-        title="Beltscape site",
-        version=__version__,
-        summary="Several belts of a site: flow, alarms, balances over transfer points, totals.",
-        openapi_url="/api/openapi.json",
-        docs_url=None,  # its page would load scripts from other servers
-        redoc_url=None,
-        redirect_slashes=False,  # its address would lack a proxy's path
+    app = make_page_app(
+        "Beltscape site", "Several belts of a site: flow, alarms, balances over transfer points, totals."
     )
     app.mount("/page", make_static_files(), name="page")
     app.mount("/site", RevalidatedFiles(directory=FOLDER), name="site")

@@ -19,6 +19,8 @@ from scipy import fft, ndimage
 
 from beltscape.kernels import load
 
+Values = NDArray[np.floating]
+
 _SMOOTH_MM = 20.0
 """Gaussian σ of the low-pass that is subtracted: broader hills do not determine a position sharply."""
 _LEAST_MM = 3.0
@@ -86,9 +88,9 @@ def compute_free_mm(frame: HighPassHeights, direction: int) -> float:
 
 _LEAST_SCORE = 0.45
 """Least correlation of the best shift. Chosen; `plausibility` recognises other material that reaches it by chance."""
-_CLEAR_MARGIN = 0.15
+CLEAR_MARGIN = 0.15
 """Margin by which the best correlation must exceed that of any other shift. Chosen."""
-_NEXT_MM = 25.0
+NEXT_MM = 25.0
 """Shifts nearer than this to the best one belong to the same peak: about the size of the high-pass, 20 mm."""
 _BLOCK_MM = 30.0
 """Errors of different blocks of this size count as independent: beyond the windows of matching on the belt."""
@@ -199,12 +201,28 @@ def correlate_along(
             correlate(1, 1),
         )
     )
+    score = normalise_correlation(number, (a, b), (aa, bb), ab, _LEAST_COMMON * rows * columns)
+    return shifts, np.asarray(score, np.float64), number / (rows * columns)
+
+
+def normalise_correlation(
+    number: Values,
+    sums: tuple[Values, Values],
+    squares: tuple[Values, Values],
+    products: Values,
+    least: float,
+) -> Values:
+    """Return the masked normalised correlation of two fields at some shifts; -1 where they share too few cells.
+
+    All arrays hold sums over the ``number`` of cells that the fields share at a shift: of each one's values, of their
+    squares, and of the products. ``least`` is the least number of cells. Padfield 2012, Eq. 11.
+    """
+    (a, b), (aa, bb) = sums, squares
     safe = np.maximum(number, 1)
     spread = np.maximum(aa - a * a / safe, 0) * np.maximum(bb - b * b / safe, 0)
-    enough = number >= _LEAST_COMMON * rows * columns
     with np.errstate(invalid="ignore", divide="ignore"):
-        score = (ab - a * b / safe) / np.sqrt(spread)
-    return shifts, np.where(enough & (spread > 0), score, -1.0), number / (rows * columns)
+        score = (products - a * b / safe) / np.sqrt(spread)
+    return np.asarray(np.where((number >= least) & (spread > 0), score, -1.0))
 
 
 def _select_peak(
@@ -214,8 +232,8 @@ def _select_peak(
     best = int(np.argmax(score))
     if score[best] < _LEAST_SCORE:
         return None
-    others = score[np.abs(shifts_mm - shifts_mm[best]) > _NEXT_MM]
-    if not others.size or score[best] - others.max() >= _CLEAR_MARGIN:
+    others = score[np.abs(shifts_mm - shifts_mm[best]) > NEXT_MM]
+    if not others.size or score[best] - others.max() >= CLEAR_MARGIN:
         return best
     if near_mm is None:
         return None
@@ -223,12 +241,12 @@ def _select_peak(
     if not near.any():
         return None
     local = int(np.argmax(np.where(near, score, -1.0)))
-    return local if score[local] >= max(_LEAST_SCORE, score[best] - _CLEAR_MARGIN) else None
+    return local if score[local] >= max(_LEAST_SCORE, score[best] - CLEAR_MARGIN) else None
 
 
 def _compute_tolerance_mm(near_mm: float) -> float:
     """Return the distance from a predicted motion within which a shift agrees with it."""
-    return max(_NEAR_SHARE * abs(near_mm), 0.5 * _NEXT_MM)
+    return max(_NEAR_SHARE * abs(near_mm), 0.5 * NEXT_MM)
 
 
 def _refine(

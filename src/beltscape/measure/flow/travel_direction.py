@@ -20,7 +20,13 @@ from beltscape.core.empty_belt import Belt
 from beltscape.core.findings import Finding
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.core.translatable_message import make_message
-from beltscape.measure.flow.registration import HighPassHeights, Shift
+from beltscape.measure.flow.registration import (
+    CLEAR_MARGIN,
+    NEXT_MM,
+    HighPassHeights,
+    Shift,
+    normalise_correlation,
+)
 
 LIMIT_DEG = 2.0
 """A turn by 2° makes a volume 0.06 % too large; the lateral wander of a belt turns its load by less. Chosen."""
@@ -34,10 +40,8 @@ _KEPT = 9
 """Number of latest motions that are kept."""
 _TRIES = 12
 """Number of pairs of frames that are searched in the plane until one matches; a search costs ten registrations."""
-_LEAST_SCORE, _CLEAR_MARGIN = 0.5, 0.15
-"""Least correlation of a match, and its margin over any other; as in the registration along the axis, or stricter."""
-_NEXT_MM = 25.0
-"""Shifts nearer than this to the best one belong to the same peak, as in the registration."""
+_LEAST_SCORE = 0.5
+"""Least correlation of a match, a little more than along the axis: more shifts are tried."""
 _LEAST_COMMON = 0.05
 """Least share of the grid that is load in both frames. Chosen."""
 _PEAK_CELLS = 0.15
@@ -74,28 +78,25 @@ def register_in_plane(before: HighPassHeights, after: HighPassHeights) -> PlaneS
         return np.asarray(fft.irfft2(one[i].conj() * two[j], size), np.float32)
 
     number = np.maximum(np.rint(correlate(0, 0)), 0)
-    safe = np.maximum(number, 1)
-    a, b = correlate(1, 0), correlate(0, 1)
-    spread = np.maximum(correlate(2, 0) - a * a / safe, 0) * np.maximum(correlate(0, 2) - b * b / safe, 0)
-    enough = (number >= _LEAST_COMMON * before.load.size) & (spread > 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        score = np.where(enough, (correlate(1, 1) - a * b / safe) / np.sqrt(spread), -1.0)
+    least = _LEAST_COMMON * before.load.size
+    sums, squares = (correlate(1, 0), correlate(0, 1)), (correlate(2, 0), correlate(0, 2))
+    score = normalise_correlation(number, sums, squares, correlate(1, 1), least)
     rows, columns = (np.fft.fftfreq(side, 1 / side) for side in size)
     best = np.unravel_index(int(np.argmax(score)), score.shape)
     down, right = rows[best[0]] * before.cell_mm, columns[best[1]] * before.cell_mm
     parts = [
-        _find_vertex(np.roll(score, -best[1 - axis], 1 - axis).take(0, 1 - axis), best[axis])
+        _find_vertex(np.asarray(np.roll(score, -best[1 - axis], 1 - axis).take(0, 1 - axis)), best[axis])
         for axis in (0, 1)
     ]
-    apart = np.hypot(rows[:, None] * before.cell_mm - down, columns[None] * before.cell_mm - right) > _NEXT_MM
+    apart = np.hypot(rows[:, None] * before.cell_mm - down, columns[None] * before.cell_mm - right) > NEXT_MM
     next_best = float(score[apart].max(initial=-1.0))
-    if score[best] < _LEAST_SCORE or score[best] - next_best < _CLEAR_MARGIN:
+    if score[best] < _LEAST_SCORE or score[best] - next_best < CLEAR_MARGIN:
         return None
     across, along = right + parts[1] * before.cell_mm, down + parts[0] * before.cell_mm
     return PlaneShift(float(across), float(along), _PEAK_CELLS * before.cell_mm)
 
 
-def _find_vertex(score: NDArray[np.float32], best: np.intp) -> float:
+def _find_vertex(score: NDArray[np.floating], best: np.intp) -> float:
     """Return where the parabola through the best of a closed line of scores (N,) and its neighbours has its top."""
     before, top, after = (float(score[(best + step) % len(score)]) for step in (-1, 0, 1))
     bend = before - 2 * top + after

@@ -97,8 +97,7 @@ def make_measuring_parts(
         With one line that names the fault and the fix.
     """
     settings, watch = project.settings, project.settings.watch
-    rig_sha256 = describe_measured_by(project.resolve(settings.rig), project.resolve(settings.empty))["rig"]
-    drift = DriftMonitor(scale_to_matching(project, rig), rig_sha256)
+    drift = DriftMonitor(scale_to_matching(project, rig), hash_file(project.resolve(settings.rig)))
     context = build_context(project, rig, reporter, data, workers, drift)
     learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
     present = zero.read_zero(path, learned, digest, reporter)

@@ -82,8 +82,8 @@ def list_cameras(document: Mapping[str, Any], texts: Texts) -> list[str]:
     if not document["has_proposal"]:
         return []
     return [
-        f"{name}: {texts('drift.turn')} {turn} mrad, {texts('drift.shift')} {shift} mm, "
-        f"{texts('drift.focal')} {focal} ‰"
+        f"{name}: {texts('drift.part.turn')} {turn} mrad, {texts('drift.part.shift')} {shift} mm, "
+        f"{texts('drift.part.focal')} {focal} ‰"
         for name, turn, shift, focal, _ in _list_rows(document, texts)
     ]
 
@@ -135,7 +135,7 @@ def _plot(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
         lengths = np.array([_find_length(one["cameras"][name], _TURNS) for one in estimates]) * 1e3
         colour = light(_LINES[index % len(_LINES)])
         turns.errorbar(days, lengths[:, 0], lengths[:, 1], color=colour, marker="o", markersize=3)
-    turns.set_ylabel(f"{texts('drift.turn')}, mrad")
+    turns.set_ylabel(f"{texts('drift.part.turn')}, mrad")
     share = np.array([(one["volume_percent"], one["volume_sigma_percent"]) for one in estimates])
     volume.errorbar(days, share[:, 0], share[:, 1], color=light("first"), marker="o", markersize=3)
     volume.axhline(0.0, color=light("reference"), linewidth=1)
@@ -153,7 +153,10 @@ def _make_key(document: Mapping[str, Any]) -> ChartKey:
 
 def _make_camera_table(document: Mapping[str, Any], texts: Texts) -> Table:
     units = {"turn": "mrad", "shift": "mm", "focal": "‰", "rows": "px"}
-    columns = [texts("drift.camera"), *(f"{texts(f'drift.{key}')}, {unit}" for key, unit in units.items())]
+    columns = [
+        texts("drift.camera"),
+        *(f"{texts(f'drift.part.{key}')}, {unit}" for key, unit in units.items()),
+    ]
     return Table(columns, _list_rows(document, texts) if document["has_proposal"] else [])
 
 

@@ -201,21 +201,19 @@ def _format(score: dict[str, float]) -> list[str]:
     return [*shares, f"{score['bias_mm']:+.2f}", *visible]
 
 
-def print_heaps(
-    description: str | None, head: Sequence[str], make: Callable[[str, Path, str], list[str]]
-) -> None:
-    """Print a table of the heaps that the command line chooses, with the rows that ``make`` returns of each."""
+def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("cache", type=Path)
     parser.add_argument("--heaps", nargs="*", default=list(HEAPS), choices=list(HEAPS))
     parser.add_argument("--preset", default="fast", choices=["fast", "standard"])
     arguments = parser.parse_args()
-    print("\n".join(format_head(head)))
+    print("\n".join(format_head(_HEAD)))
     for name in arguments.heaps:
-        print("\n".join(make(name, arguments.cache / name, arguments.preset)), flush=True)
+        print("\n".join(make_rows(name, arguments.cache / name, arguments.preset)), flush=True)
 
 
 if __name__ == "__main__":
-    print_heaps(__doc__, _HEAD, make_rows)
+    main()

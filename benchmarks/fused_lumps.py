@@ -8,6 +8,7 @@ shares of rocks found and of false lumps, and d10, d50, d80, d90 with those of t
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.lumps.fused_belt import measure_belt_lumps
 from beltscape.measure.lumps.lumps import SHARES, Lumps, compute_passing_sizes, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
-from fused_belt import HEAPS, Pushed, match, measure, print_heaps, render
-from tables import format_cells
+from fused_belt import HEAPS, Pushed, match, measure, render
+from tables import format_cells, format_head
 
 _HEAD = (
     "heap",
@@ -105,5 +106,19 @@ def _format_sizes(sizes_mm: tuple[float, ...]) -> str:
     return ", ".join(f"{size:.1f}" for size in sizes_mm)
 
 
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("cache", type=Path)
+    parser.add_argument("--heaps", nargs="*", default=list(HEAPS), choices=list(HEAPS))
+    parser.add_argument("--preset", default="fast", choices=["fast", "standard"])
+    arguments = parser.parse_args()
+    print("\n".join(format_head(_HEAD)))
+    for name in arguments.heaps:
+        print("\n".join(make_rows(name, arguments.cache / name, arguments.preset)), flush=True)
+
+
 if __name__ == "__main__":
-    print_heaps(__doc__, _HEAD, make_rows)
+    main()

@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +50,8 @@ _BLAMED_VIEWS = 2
 """Newest views that a camera must contradict before it is named: one may be a blink of its trigger."""
 _CLOSE_S = 30.0
 """Longest wait for the frame set that is being assessed: a large one takes seconds on a busy machine."""
+_SILENCE_S = 30.0
+"""Longest time without images in the terminal: cameras are searched for meanwhile."""
 _WAIT_S = 0.1
 """Interval at which the session looks for a new frame set or the end of a score."""
 
@@ -305,7 +308,7 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     Raises
     ------
     InputError
-        If a camera was moved in between; it is named.
+        If a camera was moved in between, or no images come; the cameras are named.
     """
     live = LiveView(lambda: open_source(state))
     session = GuidedSession(state, live)
@@ -313,13 +316,19 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     live.open()
     if live.trouble:
         raise InputError(live.trouble)
-    last = ""
+    last, last_s, named = "", time.monotonic(), set[str]()
     try:
         while not session.is_enough and not (isinstance(live.source, CarriedBoard) and live.source.rounds):
             session.collect_score()
+            lost = {one.name: one.message for one in live.list_faults() if one.state == "lost"}
+            for name in lost.keys() - named:
+                reporter.warn(f"{name}: {lost[name]}")
+            named = set(lost)
             if (frames := live.take_next(last, _WAIT_S)) is None:
+                if time.monotonic() - last_s > _SILENCE_S:
+                    raise InputError(f"no images for {_SILENCE_S:.0f} s; {_describe_silence(live)}")
                 continue
-            last = frames.frame
+            last, last_s = frames.frame, time.monotonic()
             if session.assess(frames).verdict == "taken":
                 reporter.step(_describe_view(session), 1, 1)
             if session.moved:
@@ -331,6 +340,11 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     finally:
         live.close()
         session.close()
+
+
+def _describe_silence(live: LiveView) -> str:
+    """Return why there are no images, in one line."""
+    return "; ".join(f"{one.name}: {one.message}" for one in live.list_faults()) or live.trouble or "no fault"
 
 
 def _describe_view(session: GuidedSession) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from beltscape.commissioning.project_text import write_cameras
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import CAMERAS_FILE, VIEWS, find_capture
 from beltscape.core.errors import BeltscapeError, InputError
@@ -23,6 +24,7 @@ from beltscape.core.interfaces import LiveSource
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.images import read_image
+from beltscape.pipeline.recording.feed import FrameFeed
 
 STILL_FRAMES, MOVING_FRAMES = 3, 1
 """Frame sets of a view at rest, and of the motion towards it."""
@@ -32,6 +34,8 @@ _BLUR = 0.04
 """Length of the motion blur over the image's width."""
 _CARRY_S = 20.0
 """Longest wait of a carried board for its view to be looked at: a busy machine takes seconds."""
+_PATIENCE_S = 20.0
+"""Longest wait for an instant with all cameras: one that was restarted takes seconds to come back."""
 _PICTURE_PX = 640
 """Longer side of a picture for the page."""
 
@@ -89,11 +93,37 @@ def open_source(state: CommissionState) -> LiveSource:
         raise InputError("no cameras yet: finish the step cameras first")
     if settings.source != "cameras":
         return CarriedBoard(read_capture(state.folder / find_capture(settings, VIEWS)))
+    write_cameras(state)
     from beltscape.pipeline.recording.project import read_recording_project
     from beltscape.sources.genicam.source import open_cameras
 
     project = read_recording_project(state.folder / CAMERAS_FILE)
     return open_cameras(project.cameras, settings.core or project.core)
+
+
+def collect_complete(source: LiveSource, count: int, interrupted: threading.Event) -> list[FrameSet]:
+    """Return the next frame sets of all cameras.
+
+    Raises
+    ------
+    InputError
+        Where there are none for `_PATIENCE_S`; it names the cameras that are not well, and why.
+    """
+    feed, complete = FrameFeed(source, None, interrupted), list[FrameSet]()
+    until_s = time.monotonic() + _PATIENCE_S
+    for frames in feed.iterate(_PATIENCE_S):
+        if frames is not None and set(frames.images) == set(source.cameras):
+            complete.append(frames)
+            until_s = time.monotonic() + _PATIENCE_S
+        if len(complete) == count:
+            return complete
+        if time.monotonic() > until_s:
+            raise InputError(
+                f"no instant with all cameras for {_PATIENCE_S:.0f} s; {feed.describe_cameras()}"
+            )
+    if not complete:
+        raise InputError("no images: the source ended, or the step was cancelled")
+    return complete
 
 
 class LiveView:
@@ -119,6 +149,11 @@ class LiveView:
         """Names of the cameras; empty while the source is closed."""
         source = self._source
         return () if source is None else source.cameras
+
+    def list_faults(self) -> list[CameraHealth]:
+        """Return the states of the cameras that are not well, such as one that was unplugged."""
+        source = self._source
+        return [] if source is None else [one for one in source.health().values() if one.state != "ok"]
 
     @property
     def source(self) -> LiveSource | None:

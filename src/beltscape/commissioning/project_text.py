@@ -10,7 +10,7 @@ from typing import Any
 
 from beltscape.commissioning import trial
 from beltscape.commissioning.state import CommissionSettings, CommissionState, RunAnswer
-from beltscape.commissioning.steps import BELT, MOVING, RIG, TEST_FILE, find_capture, name_flow
+from beltscape.commissioning.steps import BELT, CAMERAS_FILE, MOVING, RIG, TEST_FILE, find_capture, name_flow
 from beltscape.core.checks import is_list_or_tuple
 from beltscape.files.atomic import write_text
 
@@ -26,6 +26,16 @@ def format_cameras(settings: CommissionSettings) -> str:
         if (value := getattr(settings, key)) is not None:
             values[key] = value
     return _format_table("cameras", values) + _format_table("cameras.devices", settings.devices)
+
+
+def write_cameras(state: CommissionState) -> None:
+    """Write cameras.toml by the present settings; nothing where the source is not cameras, or none is named."""
+    settings = state.settings
+    if settings.source != "cameras" or not settings.devices:
+        return
+    path, text = state.folder / CAMERAS_FILE, format_cameras(settings)
+    if not path.is_file() or path.read_text("utf-8") != text:
+        write_text(path, text)
 
 
 def format_project(folder: Path, settings: CommissionSettings) -> str:

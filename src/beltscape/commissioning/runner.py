@@ -14,12 +14,11 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from beltscape.commissioning import project_text, trial
-from beltscape.commissioning.live import open_source, prove_instants
+from beltscape.commissioning.live import collect_complete, open_source, prove_instants
 from beltscape.commissioning.optics import assess_all
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import (
@@ -47,6 +46,8 @@ Facts: TypeAlias = dict[str, Any]
 """What a step found, by the key of its text on the page."""
 _SETS = 4
 """Sets of images of which the sharpest is assessed: the board may move in one."""
+_ROUNDED = {"exposure_us": 0.02, "gain_db": 0.1}
+"""Difference of what a camera states from what was set, over the value or 1, that is named: cameras round to lines."""
 _DONE = re.compile(r"(?P<stage>.+): (?P<total>\d+) done")
 """A finished stage in a command's progress."""
 
@@ -74,6 +75,7 @@ class StepRun:
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
         with _lock(self._state.folder):
+            project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
         return facts
@@ -136,10 +138,7 @@ class StepRun:
         if settings.source == "cameras":
             if len(settings.devices) < 2:
                 raise SettingsError("devices: name two cameras or more, such as devices.cam0=192.168.10.11")
-            write_text(state.folder / CAMERAS_FILE, project_text.format_cameras(settings))
-            faults = {name: line for name, line in self.call_all("cameras")["check"].items() if line}
-            if faults:
-                raise InputError("; ".join(f"{name}: {line}" for name, line in faults.items()))
+            self._check_cameras("cameras")
             names = tuple(settings.devices)
         else:
             if settings.source == "captures" and settings.captures is None:
@@ -152,16 +151,43 @@ class StepRun:
             state.change_settings({"core": core})
         return {"cameras": len(names), "names": list(names), "core": core}
 
+    def _check_cameras(self, name: str) -> Facts:
+        """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
+
+        Raises
+        ------
+        InputError
+            With every camera that does not answer, or refuses a setting.
+        """
+        document = self.call_all(name)
+        if not document:
+            return {}
+        faults = [line for line in document["check"].values() if line]
+        if faults:
+            raise InputError("; ".join(faults))
+        return {key: {camera: own[key] for camera, own in document["applied"].items()}
+                for key in ("exposure_us", "gain_db")}  # fmt: skip
+
+    def _warn_of_rounding(self, applied: Facts) -> None:
+        """Warn of cameras that state another exposure time or gain than was set."""
+        for key, own in applied.items():
+            wanted = getattr(self._state.settings, key)
+            for name, value in own.items():
+                if (
+                    wanted is not None
+                    and value is not None
+                    and abs(value - wanted) > _ROUNDED[key] * max(abs(wanted), 1)
+                ):
+                    self._reporter.warn(f"{name}: {key} = {wanted:g} was set, the camera states {value:g}")
+
     def _assess_images(self) -> Facts:
-        self.call_all("images")
+        applied = self._check_cameras("images")
+        self._warn_of_rounding(applied)
         source = open_source(self._state)
         try:
-            complete = (one for one in source if set(one.images) == set(source.cameras))
-            assessed = [assess_all(one.images) for one in islice(complete, _SETS)]
+            assessed = [assess_all(one.images) for one in collect_complete(source, _SETS, self._cancelled)]
         finally:
             source.close()
-        if not assessed:
-            raise InputError("no complete set of images; see the cameras' states")
         reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():
             if report.fault:
@@ -172,6 +198,7 @@ class StepRun:
             "faults": faults,
             "sharpness": {name: report.sharpness.median for name, report in reports.items()},
             "evenness": min(report.sharpness.evenness for report in reports.values()),
+            **applied,
         }
 
     def _prove_trigger(self) -> Facts:

@@ -24,7 +24,9 @@ from beltscape.commissioning.steps import (
     list_commands,
 )
 from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.events import CameraHealth
 from beltscape.core.supervision import describe_failure
+from beltscape.core.translatable_message import get_key, get_values
 
 ViewAction = Literal["start", "stop", "take", "anew"]
 _LINES = 6
@@ -80,6 +82,7 @@ class CommissionSession:
                     "is_open": self.live.is_open,
                     "cameras": self.live.cameras,
                     "trouble": self.live.trouble,
+                    "faults": [_describe_fault(one) for one in self.live.list_faults()],
                 },
                 "views": None if self._guided is None else self._guided.describe(),
             }
@@ -199,6 +202,17 @@ class CommissionSession:
     def _require_rest(self) -> None:
         if self._running:
             raise InputError(f"the step {self._running} runs: wait, or cancel it")
+
+
+def _describe_fault(health: CameraHealth) -> dict[str, Any]:
+    """Return a camera's fault by its key and values, from which the page composes its text."""
+    message = health.message
+    return {
+        "camera": health.name,
+        "text": str(message),
+        "key": get_key(message),
+        "values": get_values(message),
+    }
 
 
 _RESULTS = {

@@ -124,10 +124,11 @@ def record_sequence(
     Raises
     ------
     InputError
-        if no images come.
+        if no images come, or none of all cameras; it names the cameras that are not well.
     OSError
         if an image cannot be written.
     """
+    begin_s = time.monotonic()
     written = incomplete = without_position = 0
     for frames in feed.iterate(_SEQUENCE_PATIENCE_S):
         if is_finished(written):
@@ -135,8 +136,12 @@ def record_sequence(
         if frames is None:
             continue
         missing = [name for name in cameras if name not in frames.images]
-        if missing and not written:
-            continue  # cameras start one after another
+        if missing and not written:  # cameras start one after another
+            if time.monotonic() - begin_s > _SEQUENCE_PATIENCE_S:
+                raise InputError(
+                    f"no instant with all cameras for {_SEQUENCE_PATIENCE_S:.0f} s; {feed.describe_cameras()}"
+                )
+            continue
         numbered = replace(frames, frame=f"{written + feed.dropped:05d}")
         if not writer.can_append(numbered):
             reporter.warn(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.commissioning import live, trial
+from beltscape.commissioning import staged_cameras, trial
 from beltscape.commissioning.serving import open_commission
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import STEPS
@@ -25,7 +25,7 @@ SLOW_MS = 120_000
 def demo(tmp_path_factory, monkeypatch) -> None:
     small = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
     monkeypatch.setattr(trial, "DEMO_FOLDER", small)
-    monkeypatch.setattr(live, "PERIOD_S", 0.02)
+    monkeypatch.setattr(staged_cameras, "PERIOD_S", 0.02)
 
 
 class Desk:
@@ -91,6 +91,11 @@ RESULTS = {
         "uncovered": 0.0,
         "doubts": 0,
     },
+    "skew": {
+        "delays": {"cam1": {"delay_ms": 0.021, "sigma_ms": 0.008, "belt_mm": 0.042, "sigma_mm": 0.016}},
+        "latest": "cam1",
+        "skew_limit_ms": 0.1,
+    },
     "empty": {"width_mm": 800.0, "noise_mm": 0.02, "frames": 5},
     "project": {"parts": {"rig": "2 cameras", "page": "127.0.0.1"}},
     "live": {"records": 9, "litres": 18.4, "sigma_litres": 0.9, "belt_m": 2.5, "missing_share": 0.0},
@@ -98,7 +103,14 @@ RESULTS = {
     "certificate": {"number": "2026-0001", "days": 365.0},
 }
 """What each step found, as `runner` records it."""
-SHOWN = {"images": "cam1", "rig": "0.01", "live": "18.4", "material": "0.4", "certificate": "2026-0001"}
+SHOWN = {
+    "images": "cam1",
+    "rig": "0.01",
+    "skew": "0.021",
+    "live": "18.4",
+    "material": "0.4",
+    "certificate": "2026-0001",
+}
 """A part of what the page then shows."""
 
 
@@ -137,7 +149,7 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
 
 
 def walk_to_the_board(page) -> None:
-    assert page.locator("#steps li").count() == 11
+    assert page.locator("#steps li").count() == len(STEPS)
     assert page.locator('input[name="source"][value="trial"]').is_checked()
     for name in ("cameras", "images", "trigger", "board"):
         assert page.locator("#step-title").inner_text() == read_texts("en")[f"commission.step.{name}"]

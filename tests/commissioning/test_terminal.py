@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.commissioning import live, trial
+from beltscape.commissioning import staged_cameras, trial
 from beltscape.commissioning.guided import FIRST_SCORE, LEAST_VIEWS, GuidedSession
 from beltscape.commissioning.live import LiveView, open_source
 from beltscape.commissioning.state import CommissionState
@@ -24,7 +24,7 @@ def plant(tmp_path, tmp_path_factory, monkeypatch) -> Path:
     monkeypatch.setattr(
         trial, "DEMO_FOLDER", make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
     )
-    monkeypatch.setattr(live, "PERIOD_S", 0.0)
+    monkeypatch.setattr(staged_cameras, "PERIOD_S", 0.0)
     folder = tmp_path / "plant"
     assert (
         main(
@@ -89,7 +89,7 @@ def test_without_views_the_step_says_so(plant, capsys):
 @pytest.mark.thorough
 def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(tmp_path, monkeypatch, capsys):
     # the shipped captures: four cameras of half the pixels leave too much of the belt unmeasured
-    monkeypatch.setattr(live, "PERIOD_S", 0.0)
+    monkeypatch.setattr(staged_cameras, "PERIOD_S", 0.0)
     plant = tmp_path / "plant"
     assert main(["commission", str(plant), "--set", "source=trial"]) == 0
     document: dict = {}
@@ -106,4 +106,4 @@ def test_the_trial_plant_comes_to_a_certificate_that_the_truth_confirms(tmp_path
     for error in record["result"]["errors"]:
         assert abs(error["value"]) < 3 * error["sigma"], error
     (plant / "belt.json").write_text((plant / "belt.json").read_text() + "\n")
-    assert [get_status(state, step) for step in STEPS[7:]] == ["outdated"] * 4
+    assert [get_status(state, step) for step in STEPS[8:]] == ["outdated"] * 4

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from beltscape.calibration.detection.corners import Corners
-from beltscape.commissioning.live import CarriedBoard, LiveView, encode_jpeg, open_source
+from beltscape.commissioning.live import LiveView, encode_jpeg, open_source
+from beltscape.commissioning.staged_cameras import StagedCameras
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import BOARD, RIG, VIEWS, list_commands
 from beltscape.core.arrays import Array
@@ -194,7 +195,11 @@ class GuidedSession:
                 self._is_forced = False
                 self._take(frames, corners)
             self._now, self._assessment, self._frames = corners, assessment, frames
+        if isinstance(source := self._live.source, StagedCameras):
+            source.follow(self._draw_ghost())
         self._start_score()
+        if isinstance(self._live.source, StagedCameras):
+            self.wait_for_score()  # its time is counted in frame sets, however slow the machine is
         return assessment
 
     def _take(self, frames: FrameSet, corners: Mapping[str, Corners]) -> None:
@@ -265,13 +270,16 @@ class GuidedSession:
         while self._process is not None and not self._closed.wait(_WAIT_S):
             self.collect_score()
 
+    def _draw_ghost(self) -> dict[str, list[list[float]]]:
+        """Return the outline of the next pose in every camera's image."""
+        return draw_ghost(self._board, self._sizes, self._state.settings.core, self._verdict, self.taken)
+
     def describe(self) -> dict[str, Any]:
         """Return what the page shows, as plain values for JSON."""
         with self._lock:
             corners_px = {name: np.concatenate(own) for name, own in self._corners_px.items()}
             sizes, now, verdict = dict(self._sizes), dict(self._now), self._verdict
             taken = self.taken
-        core = self._state.settings.core
         return {
             "taken": taken,
             "verdict": self._assessment.verdict,
@@ -283,7 +291,7 @@ class GuidedSession:
             "tolerance_mm": self._state.settings.tolerance_mm,
             "score": None if verdict is None else _describe_verdict(verdict),
             "cells": paint_coverage(sizes, corners_px, verdict),
-            "ghost": draw_ghost(self._board, sizes, core, verdict, taken),
+            "ghost": self._draw_ghost(),
             "corners": {name: np.round(own.pixels, 1) for name, own in now.items()},
             "sizes_px": sizes,
         }
@@ -318,7 +326,9 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
         raise InputError(live.trouble)
     last, last_s, named = "", time.monotonic(), set[str]()
     try:
-        while not session.is_enough and not (isinstance(live.source, CarriedBoard) and live.source.rounds):
+        while not session.is_enough and not (
+            isinstance(live.source, StagedCameras) and live.source.is_exhausted
+        ):
             session.collect_score()
             lost = {one.name: one.message for one in live.list_faults() if one.state == "lost"}
             for name in lost.keys() - named:

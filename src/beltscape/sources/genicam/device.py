@@ -92,9 +92,7 @@ class Features:
 
     def _require_control(self, what: str, setting: str, is_available: bool) -> None:
         if not is_available:
-            raise InputError(
-                f"{self._name}: the camera has no feature for its {what}; leave {setting} out, or set it at the camera"
-            )
+            raise InputError(f"{self._name}: the camera has no feature for its {what}; leave {setting} out")
 
     def read_back(self) -> AppliedSettings:
         """Return what the camera says of its exposure time and gain, which it may have rounded."""

@@ -10,12 +10,13 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -78,6 +79,7 @@ class GuidedSession:
         self._new_views: list[Mapping[str, Corners]] = []
         self._scored = 0
         self._process: subprocess.Popen[bytes] | None = None
+        self._output: IO[bytes] | None = None
         self._closed = threading.Event()
         self._lock = threading.Lock()
         self._is_forced = False
@@ -150,7 +152,7 @@ class GuidedSession:
         self._closed.set()
         if (process := self._process) is not None:
             process.terminate()
-            process.communicate()
+            process.wait()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(_CLOSE_S)  # a detection that is under way cannot be interrupted
 
@@ -227,9 +229,11 @@ class GuidedSession:
             return
         self._scored = self.taken
         (words,) = list_commands(self._state, "calibrate")
+        # a file: a pipe that nobody reads meanwhile is full after 64 KiB, and the command would wait for ever
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONUTF8": "1"},
         )  # fmt: skip
 
@@ -238,9 +242,10 @@ class GuidedSession:
         process = self._process
         if process is None or process.poll() is None:
             return
-        assert process.stdout is not None
-        with process:
-            text = process.stdout.read().decode("utf-8", "replace")
+        assert self._output is not None
+        with self._output:
+            self._output.seek(0)
+            text = self._output.read().decode("utf-8", "replace")
         self._process = None
         if process.returncode:
             document = json.loads(text) if text.strip() else {}

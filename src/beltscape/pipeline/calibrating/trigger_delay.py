@@ -214,7 +214,7 @@ def _reduce_frame(
     return free.T @ free, free.T @ errors[usable]
 
 
-def _differentiate_by_pose(project, points: Array, centre: Array) -> Array:
+def _differentiate_by_pose(project: Callable[[Array], Array], points: Array, centre: Array) -> Array:
     """Return the derivatives (2N, 6) of the pixels by the board's translation, mm, and its turn, rad."""
     columns: list[Array] = []
     for axis in np.eye(3):

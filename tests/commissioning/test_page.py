@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -138,6 +139,7 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
             assert "commission." not in shown, "a text is missing"
             assert "undefined" not in shown
             assert "NaN" not in shown
+            check_names(page, step.name)
             if step.name != "board":
                 page.wait_for_selector("#step-facts dd")
             assert SHOWN.get(step.name, "") in page.inner_text("#step-facts")
@@ -146,6 +148,19 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
         desk.browser.close()
         # there are no cameras to open for the step of the images, which the page says
         assert [one for one in desk.errors if "409 (Conflict)" not in one] == []
+
+
+def check_names(page, step: str) -> None:
+    """What a screen reader finds: the list of steps, its heading and state, a name for every control."""
+    tree = page.locator("body").aria_snapshot()
+    texts = read_texts("en")
+    assert f'navigation "{texts["commission.steps"]}"' in tree
+    assert f'heading "{texts[f"commission.step.{step}"]}" [level=2]' in tree
+    assert f"status: {texts['commission.status.done']}" in tree
+    unnamed = re.findall(
+        r"- (?:button|textbox|spinbutton|combobox|checkbox|radio|link)(?: \[[^]]*\])*:?$", tree, re.M
+    )
+    assert unnamed == [], tree
 
 
 def walk_to_the_board(page) -> None:

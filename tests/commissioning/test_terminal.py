@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from pathlib import Path
 
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.commissioning import staged_cameras, trial
+from beltscape.commissioning import guided, staged_cameras, trial
 from beltscape.commissioning.guided import FIRST_SCORE, LEAST_VIEWS, GuidedSession
 from beltscape.commissioning.live import LiveView, open_source
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import STEPS, get_status
 from tests.once import make_once
 from tests.synthetic.small_demo import make_small_demo
+
+SHOWN_EVERY_S = staged_cameras.PERIOD_S
+"""Time of a frame set, before tests shorten it."""
 
 
 @pytest.fixture
@@ -45,7 +49,9 @@ def plant(tmp_path, tmp_path_factory, monkeypatch) -> Path:
     return folder
 
 
-def test_views_are_taken_and_scored_until_it_is_enough(plant, capsys):
+def test_views_are_taken_and_scored_until_it_is_enough(plant, capsys, monkeypatch):
+    boards, open_board = [], trial.open_board
+    monkeypatch.setattr(trial, "open_board", lambda state: boards.append(open_board(state)) or boards[-1])
     capsys.readouterr()
     assert main(["commission", str(plant), "--step", "calibrate", "--json"]) == 0
     out, err = capsys.readouterr()
@@ -55,8 +61,31 @@ def test_views_are_taken_and_scored_until_it_is_enough(plant, capsys):
     assert result["held_out_px"] < 0.05
     assert result["sigma_mm"] < 0.2  # of half the pixels
     assert f"view {FIRST_SCORE}" in err
+    (board,) = boards
+    assert board.shown * SHOWN_EVERY_S < 600, "from the first picture to enough in ten minutes"
     state = CommissionState(plant)
     assert [get_status(state, step) for step in STEPS[4:6]] == ["done", "open"]
+
+
+def test_a_score_whose_document_is_larger_than_a_pipe_is_read(plant, tmp_path, monkeypatch):
+    program = tmp_path / "program"  # a rig of five cameras has 80 kB
+    program.write_text("#!/bin/sh\nhead -c 300000 /dev/zero | tr '\\0' ' '\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(guided, "FIRST_SCORE", 1)
+    monkeypatch.setattr(guided.sys, "executable", str(program))
+    state = CommissionState(plant)
+    session = GuidedSession(state, LiveView(lambda: open_source(state)))
+    for frames in open_source(state):
+        session.assess(frames)
+        if session.taken:
+            break
+    assert session.is_scoring
+    until = time.monotonic() + 60
+    while session.is_scoring:
+        assert time.monotonic() < until, "the program waits for somebody who reads"
+        session.collect_score()
+        time.sleep(0.05)
+    session.close()
 
 
 def test_a_session_goes_on_with_the_views_that_are_there(plant):

@@ -169,7 +169,7 @@ def walk_to_the_board(page) -> None:
     for name in ("cameras", "images", "trigger", "board"):
         assert page.locator("#step-title").inner_text() == read_texts("en")[f"commission.step.{name}"]
         if name == "images":
-            page.wait_for_selector(".eye svg.bars rect")
+            page.wait_for_selector(".eye svg.bars rect", state="attached")
             page.wait_for_selector(".eye .tile")
         run_step(page, name)
         page.click("#do-next")

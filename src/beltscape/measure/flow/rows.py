@@ -251,7 +251,7 @@ class RowFiller:
             share=measured[own].mean(axis=1),
             single_share=single[own],
             apart_mm5=apart[own] + holes,
-            edges_mm2=np.hypot(EDGE_PX * cell * np.asarray(steps), cell * measured.sum(axis=1) * false_mm)[own],
+            edges_mm2=np.hypot(EDGE_PX * np.asarray(steps), measured.sum(axis=1) * false_mm)[own] * cell,
             holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
         )
 

@@ -143,11 +143,21 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
             if step.name != "board":
                 page.wait_for_selector("#step-facts dd")
             assert SHOWN.get(step.name, "") in page.inner_text("#step-facts")
+        check_narrow(desk)
         page.click('#steps li[data-key="material"] button')
         page.wait_for_selector('#step-files a[href="api/commission/files/test/report.html"]')
         desk.browser.close()
         # there are no cameras to open for the step of the images, which the page says
         assert [one for one in desk.errors if "409 (Conflict)" not in one] == []
+
+
+def check_narrow(desk: Desk) -> None:
+    """No step is wider than a phone, in the language with the longest words."""
+    for step in STEPS:
+        phone = desk.open(f"/?lang=de#{step.name}", wide=390, has_touch=True)
+        phone.wait_for_selector(f'#steps li[data-key="{step.name}"] button[aria-current="step"]')
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390, step.name
+        phone.context.close()
 
 
 def check_names(page, step: str) -> None:

@@ -26,8 +26,9 @@ __device__ inline void write_outputs(const Units<float>& outputs, int units, siz
     for (int unit = 0; unit < units; ++unit) out[unit * pixels + pixel] = outputs[unit][0];
 }
 
-// planes (inputs, pixels), limits (2, inputs), out (units of the last layer, pixels).
-extern "C" __global__ void network_outputs(const float* planes, int inputs, int pixels, const float* limits,
+// planes holds the addresses of `inputs` arrays of pixels, limits (2, inputs), out (units of the last layer,
+// pixels).
+extern "C" __global__ void network_outputs(const unsigned long long* planes, int inputs, int pixels, const float* limits,
                                            const float* weights, const int* units, int layer_count,
                                            float* out) {
     const int pixel = grid_x();
@@ -35,7 +36,7 @@ extern "C" __global__ void network_outputs(const float* planes, int inputs, int 
     const PackedLayers packed(weights, inputs, units, layer_count);
     Units<float> in, spare;
     for (int p = 0; p < inputs; ++p)
-        in[p][0] = clamp(planes[static_cast<size_t>(p) * pixels + pixel], limits[p], limits[inputs + p]);
+        in[p][0] = clamp(array_at<float>(planes, p)[pixel], limits[p], limits[inputs + p]);
     const Network net = {limits, limits + inputs, packed.layers, layer_count};
     write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
 }

@@ -38,4 +38,5 @@ class KernelFamily:
 
     def __init__(self, backend: Backend) -> None:
         self.name = backend.name
+        self.backend = backend
         self._run = backend.run

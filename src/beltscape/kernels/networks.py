@@ -66,7 +66,8 @@ class NetworkKernels(KernelFamily):
         checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
         given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
         if out is None:
-            out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+            new = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+            return self._run("evaluate_network", given, new, threads)
         _check_outputs(out, len(weights[-1]), first.shape)
         for array, output in zip(out, self._run("evaluate_network", given, out, threads), strict=True):
             if output is not array:  # the reference returns arrays of its own

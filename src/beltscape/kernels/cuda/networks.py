@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.cuda.device import Workspace, blocks_of
+from beltscape.kernels.cuda.device import blocks_of
+from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.workspace import Workspace
 
 MOST_LAYERS = 8
 """Of one network (``kMostLayers`` of networks.cuh)."""
@@ -21,20 +23,19 @@ def can_evaluate(given: Any) -> bool:
     return len(given.layers) <= MOST_LAYERS
 
 
-def evaluate_network(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def evaluate_network(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.networks.NetworkKernels.evaluate_network`."""
     count, pixels = len(given.planes), given.planes[0].size
-    planes = work.upload(np.stack(given.planes))
+    planes = work.upload_all(given.planes)
     outputs = work.allocate((len(out), *out[0].shape), np.float32)
     features = planes, count, pixels, work.upload(given.limits)
     work.launch(
         "network_outputs", _grid(pixels), _THREADS, *features, *_upload_layers(work, given.layers), outputs
     )
-    for unit, array in enumerate(out):
-        work.download(work.part(outputs, unit), array)
+    return [outputs.part(unit) for unit in range(len(out))]
 
 
-def pass_messages(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def pass_messages(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.networks.MessagePassingKernels.pass_messages`."""
     length, senders = given.messages.shape
     quads = blocks_of(length, 4)
@@ -47,7 +48,7 @@ def pass_messages(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> N
     outputs = work.allocate(out[0].shape, np.float32)
     layers = _upload_layers(work, given.layers)
     work.launch("message_outputs", _grid(pixels), _THREADS, *incoming, *state, *layers, outputs)
-    work.download(outputs, out[0])
+    return [outputs]
 
 
 def _upload_layers(work: Workspace, layers: Sequence[NDArray[np.float32]]) -> tuple[Any, Any, int]:

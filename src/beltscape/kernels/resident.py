@@ -71,6 +71,10 @@ class ResidentArray(NDArrayOperatorsMixin):
             self._host.setflags(write=False)
         return self._host
 
+    def astype(self, dtype: DTypeLike, *, copy: bool = True) -> Any:
+        """Return the values as another type; without ``copy`` the array itself where it has that type."""
+        return self if np.dtype(dtype) == self.dtype and not copy else self.on_host().astype(dtype)
+
     def reshape(self, *shape: Any) -> Any:
         """Return the same values in another shape, on the device where they are there."""
         wanted = shape[0] if len(shape) == 1 and isinstance(shape[0], tuple) else shape

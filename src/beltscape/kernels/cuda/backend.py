@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.backend import Backend
+from beltscape.kernels.backend import Backend, gpu_failures
 from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep, visibility
 from beltscape.kernels.cuda.device import DeviceError, GpuDevice
 from beltscape.kernels.cuda.memory import DeviceArray
@@ -81,6 +81,7 @@ class CudaBackend:
         """Note that the device failed, with a warning at the first time."""
         if self.failure is None:
             self.failure = str(error)
+            gpu_failures.note(self.failure)
             warnings.warn(
                 f"the GPU is no longer used, the processor takes over: {error}", RuntimeWarning, stacklevel=3
             )

@@ -155,7 +155,8 @@ def _compute_states(
         out = [state[None, first : first + len(part[0])] for state in states]
         network.evaluate(features, context.kernels, 1, out)
 
-    run_parallel([partial(compute, part) for part in split_pixels(uncertain, _PIXELS)], context.threads)
+    parts = split_pixels(uncertain, context.kernels.choose_pixels(_PIXELS))
+    run_parallel([partial(compute, part) for part in parts], context.threads)
     return states
 
 

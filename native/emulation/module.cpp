@@ -84,6 +84,8 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(network_outputs);
     BELTSCAPE_KERNEL(message_rows);
     BELTSCAPE_KERNEL(message_outputs);
+    BELTSCAPE_KERNEL(place_states);
+    BELTSCAPE_KERNEL(add_changes);
     BELTSCAPE_KERNEL(filter_rows);
     BELTSCAPE_KERNEL(filter_columns);
     BELTSCAPE_KERNEL(gather_values);

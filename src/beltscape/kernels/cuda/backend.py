@@ -44,6 +44,7 @@ _KERNELS: dict[str, _Kernel] = {
     "photo_consistency": _Kernel(selection.photo_consistency, selection.can_select),
     "evaluate_network": _Kernel(networks.evaluate_network, networks.can_evaluate),
     "pass_messages": _Kernel(networks.pass_messages, networks.can_evaluate),
+    "exchange_messages": _Kernel(networks.exchange_messages, networks.can_exchange),
 }
 
 KERNELS = tuple(_KERNELS)

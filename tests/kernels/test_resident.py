@@ -14,9 +14,8 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.backend import gpu_failures
 from beltscape.kernels.cuda.backend import CudaBackend
-from beltscape.kernels.cuda.device import DeviceError
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
-from beltscape.kernels.cuda.memory import MemoryPool
+from beltscape.kernels.cuda.memory import DeviceError, MemoryPool
 from beltscape.kernels.cuda.workspace import Traffic, open_workspace
 from beltscape.kernels.native import NativeBackend, levels
 from beltscape.kernels.resident import ResidentArray
@@ -55,17 +54,17 @@ class Failing(EmulatedDevice):
         if self.left < 0:
             raise DeviceError("CUDA_ERROR_DEVICE_LOST")
 
-    def launch(self, *arguments):
+    def launch(self, stream, kernel, grid, block, arguments, shared_bytes):
         self._count()
-        super().launch(*arguments)
+        super().launch(stream, kernel, grid, block, arguments, shared_bytes)
 
-    def copy_in(self, *arguments):
+    def copy_in(self, stream, host, array):
         self._count()
-        super().copy_in(*arguments)
+        super().copy_in(stream, host, array)
 
-    def copy_out(self, *arguments):
+    def copy_out(self, stream, array, host):
         self._count()
-        super().copy_out(*arguments)
+        super().copy_out(stream, array, host)
 
 
 def test_results_pass_from_kernel_to_kernel_and_are_copied_once_where_numpy_reads_them():
@@ -233,11 +232,12 @@ def test_a_frame_that_exceeds_the_memory_is_computed_by_the_processor(tiny):
 
 
 def test_two_frames_in_flight_are_each_the_same_as_alone(tiny):
-    kernels = Kernels(backend_on(EmulatedDevice(3)))
+    device = EmulatedDevice(3)
+    kernels = Kernels(backend_on(device))
     alone = reconstruct(tiny, load(first_alike("emulated")))
     with ThreadPoolExecutor(2) as pool:
         for found in pool.map(lambda _: reconstruct(tiny, kernels), range(4)):
             assert same_bytes(found, alone)
     gc.collect()
-    kernels.backend._device.memory.trim()
-    assert kernels.backend._device.memory.in_use == 0
+    device.memory.trim()
+    assert device.memory.in_use == 0

@@ -171,22 +171,21 @@ class MessagePassingKernels(KernelFamily):
         states: Sequence[NDArray[np.floating]],
         senders: NDArray[np.int32],
         rounds: Sequence[Sequence[NDArray[np.floating]]],
-        length: int,
         *,
         threads: int = 0,
     ) -> NDArray[np.floating]:
         """Return the last round's outputs, after all rounds before have changed the states.
 
-        A pixel's message is the first ``length`` numbers of its state and two flags, both 0. The first two senders
-        have no state; their messages are 0 but for the first and the second flag. Every round but the last gives the
-        change of each pixel's state, message first.
+        A pixel's message is the first numbers of its state and two flags, both 0. The first two senders have no
+        state; their messages are 0 but for the first and the second flag. Every round but the last gives the change
+        of each pixel's state, message first. How long messages are follows from the first layer's inputs.
 
         Parameters
         ----------
         states
             S of (N,): the numbers of each pixel's state.
         senders
-            (H, N): the senders of each pixel; pixel i is sender 2 + i.
+            (H, N): the senders of each pixel, at least two; pixel i is sender 2 + i.
         rounds
             The layers of each round, as in `pass_messages`.
 
@@ -196,6 +195,10 @@ class MessagePassingKernels(KernelFamily):
         """
         pixels = senders.shape[1]
         checked = [float32(f"states[{i}]", state, (pixels,)) for i, state in enumerate(states)]
+        if len(senders) < 2 or not rounds:
+            raise KernelError(f"rounds need two senders or more, not {len(senders)} in {len(rounds)} rounds")
+        own = rounds[0][0].shape[1] - 1 - len(senders) * len(FLAGS) - len(states)
+        length = own // (len(senders) - 1)
         inputs = len(senders) * (length + len(FLAGS)) + len(states) - length
         weights = [network_layers(layers, "inputs", inputs) for layers in rounds]
         given = MessageRoundsInput(checked, np.ascontiguousarray(senders, np.int32), weights, length)

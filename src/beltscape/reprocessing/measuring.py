@@ -27,7 +27,7 @@ from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.files.belt_json import write_belt
 from beltscape.files.images import decode_image
 from beltscape.files.rig_json import read_rig
-from beltscape.kernels.backend import gpu_failures
+from beltscape.kernels import gpu_failures
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun

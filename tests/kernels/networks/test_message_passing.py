@@ -94,6 +94,6 @@ def test_rounds_on_the_device_are_those_call_by_call(name, seed, count):
     inputs = 3 * (length + 2) + own
     sizes = [length + own] * (count - 1) + [2]
     rounds = [[rng.normal(0, 0.3, (n, inputs + 1)).astype(np.float32)] for n in sizes]
-    given_ = states, senders, rounds, int(length)
+    given_ = states, senders, rounds
     found = load(name).run_resident(lambda kernels: np.asarray(kernels.exchange_messages(*given_)))
     assert found.tobytes() == load(first_alike(name)).exchange_messages(*given_).tobytes()

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.backend import Backend, gpu_failures
 from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep, visibility
-from beltscape.kernels.cuda.device import DeviceError, GpuDevice
-from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.device import GpuDevice
+from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
 from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
 from beltscape.kernels.resident import ResidentArray, as_host
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.cuda.device import DeviceError, Size
-from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, MemoryPool
+from beltscape.kernels.cuda.device import Size
+from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.native import source_folder
 
 ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100")

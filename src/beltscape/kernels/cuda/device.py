@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from beltscape.kernels.cuda.memory import DeviceArray, MemoryPool
+from beltscape.kernels.cuda.memory import DeviceArray, MemoryPool
 
 SHARED_BYTES = 48 << 10
 """Shared memory of a block that every GPU gives; more needs a driver's leave."""
 
 Size = tuple[int, int, int]
 """Along x, y and z."""
-
-
-class DeviceError(Exception):
-    """The device failed: it is lost, has no memory left, or a kernel went wrong."""
 
 
 class GpuDevice(Protocol):

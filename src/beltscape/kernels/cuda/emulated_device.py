@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.cuda.device import DeviceError, Size
-from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, MemoryPool
+from beltscape.kernels.cuda.device import Size
+from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
 
 _MODULE = "beltscape.kernels._emulated"
 _GUARD_BYTES, _GUARD, _POISON = 64, 0xA5, 0xFF

@@ -11,12 +11,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from beltscape.kernels.cuda.device import DeviceError
-
 MOST_BYTES = 6 << 30
-"""Bound of a pool: five frames of 2448 × 2048 px, preset `fine`, need 2.6 GB (benchmarks/GPU.md)."""
+"""Bound of a pool: a frame of 48 × 36 px takes 353 bytes a pixel (emulated, preset ``standard``), so three frames of
+2448 × 2048 px in flight fit."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
+
+
+class DeviceError(Exception):
+    """The device failed: it is lost, has no memory left, or a kernel went wrong."""
 
 
 class RawMemory(Protocol):

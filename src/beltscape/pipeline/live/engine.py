@@ -19,7 +19,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
-from beltscape.kernels.backend import gpu_failures
+from beltscape.kernels import gpu_failures
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.drift import store_drift

@@ -24,7 +24,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
-from beltscape.kernels.backend import gpu_failures
+from beltscape.kernels import gpu_failures
 from beltscape.pipeline.reconstructing.checked_matcher import (
     CheckedMatcher,
     MonitoredMatcher,

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
-from beltscape.kernels.networks import FLAGS
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.correlated_noise import inflate_sigma
@@ -197,14 +196,8 @@ def pass_messages(
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
-    """Return the (M, N) outputs of the last round, for S states (N,) and the addresses ``neighbours`` (9, N).
-
-    The networks of all rounds take messages of the same length.
-    """
-    # every offset gives the message and its flags as features; a pixel's own state gives the rest
-    features = len(rounds[0].features)
-    length = (features - len(states) - len(OFFSETS) * len(FLAGS)) // (len(OFFSETS) - 1)
+    """Return the (M, N) outputs of the last round, for S states (N,) and the addresses ``neighbours`` (9, N)."""
     outputs = kernels.exchange_messages(
-        states, neighbours, [network.layers for network in rounds], length, threads=threads
+        list(states), neighbours, [network.layers for network in rounds], threads=threads
     )
     return outputs.astype(np.float32, copy=False)

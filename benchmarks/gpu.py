@@ -4,9 +4,9 @@ Writes benchmarks/GPU.md. Of every kernel of the frame stand the bytes of its ar
 (`matching.operations`), and the roofline of three graphics processors: the longer of bytes / bandwidth and operations
 / peak, as `roofline` has it for the processor; and what a frame copies between processor and GPU (`gpu_traffic`).
 Where a GPU is there, `gpu_measure` measures the frame, its calls and launches, frames in flight, energy, memory and
-other matchers, and the share of pixels in which the depth map differs from the processor's by more than 0.001 mm; with
-``--scales 1 2`` also of images of twice the size. ``--device emulated`` does the same on the emulated GPU, whose times
-mean nothing.
+other matchers, and the share of pixels in which the depth map differs from the processor's by more than 0.001 mm;
+with ``--scales 1 2`` also of images of twice the size. ``--device emulated`` does the same on the emulated GPU, whose
+times mean nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,15 @@ from beltscape.kernels.cuda.cuda_device import CudaDevice
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice
 from beltscape.stereo.settings import PRESETS
-from gpu_measure import DISPARITIES, FAR_MM, FrameTraffic, Measured, count_traffic, measure_device, read_problem
+from gpu_measure import (
+    DISPARITIES,
+    FAR_MM,
+    FrameTraffic,
+    Measured,
+    count_traffic,
+    measure_device,
+    read_problem,
+)
 from roofline import Work, measure_frame
 
 _PAGE = Path(__file__).with_name("GPU.md")

@@ -65,9 +65,9 @@ extern "C" __global__ void message_outputs(const float* rows, int length, int qu
     write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
 }
 
-// The messages (length + 2, kSenders + pixels) and the rest of the states (own, pixels) of `pixels` pixels from
-// the addresses of length + own numbers (pixels). The first senders have no state: their messages are 0 but for
-// the last two numbers, which name them. A row of the grid takes a row of both.
+// The messages (length + 2, kSenders + pixels) and the rest of the states (own, pixels) of `pixels` pixels
+// from the addresses of length + own numbers (pixels). The first senders have no state: their messages are 0
+// but for the last two numbers, which name them. A row of the grid takes a row of both.
 inline constexpr int kSenders = 2;
 extern "C" __global__ void place_states(const unsigned long long* states, int length, int pixels,
                                         float* messages, float* rest) {

@@ -1,6 +1,7 @@
-// Candidate propagation on a GPU: a block finds the candidates of a tile of pixels, a thread walks along a path
-// of the selection among them, and a launch takes all paths of one direction, each pixel of which belongs to
-// one of them. An inactive pixel has one candidate, as a block without an active pixel has on the CPU.
+// Candidate propagation on a GPU: a block finds the candidates of a tile of pixels, a thread walks along a
+// path of the selection among them, and a launch takes all paths of one direction, each pixel of which
+// belongs to one of them. An inactive pixel has one candidate, as a block without an active pixel has on the
+// CPU.
 #pragma once
 
 #include "cuda/aggregate.cuh"
@@ -53,8 +54,7 @@ __device__ inline void sample_tile(const Auxiliary& by, const float* s, int left
     for (int i = static_cast<int>(threadIdx.y * blockDim.x + threadIdx.x); i < kSampled; i += kTileThreads) {
         const int x = clamp(left - 1 + i % kSampledWidth, 0, width - 1),
                   y = clamp(top - 1 + i / kSampledWidth, 0, height - 1);
-        const SampledPoint<float> point =
-            sample_point(by.view, by.image, to_float(x), to_float(y), s[i]);
+        const SampledPoint<float> point = sample_point(by.view, by.image, to_float(x), to_float(y), s[i]);
         grey[i] = bilinear(by.image, &point.spot.index, point.spot.u, point.spot.v) - level;
         seen[i] = unoccluded(by.buffer, &point.row, point.spot.u, point.inverse_depth, tolerance);
     }
@@ -69,8 +69,8 @@ __device__ inline void clear_candidates(const CandidatePlaces& places, const Can
     }
 }
 
-// Surface, core and active (height, width), offsets (offset_count, 2) of which the first is (0, 0), places (4,
-// candidates, height, width): s, cost, slope_u, slope_v.
+// Surface, core and active (height, width), offsets (offset_count, 2) of which the first is (0, 0), places
+// (4, candidates, height, width): s, cost, slope_u, slope_v.
 extern "C" __global__ void propagate_candidates(
     const float* s, const float* slope_u, const float* slope_v, const float* core, const float* level,
     const unsigned char* active, int width, int height, const float* views, const unsigned long long* images,
@@ -81,7 +81,8 @@ extern "C" __global__ void propagate_candidates(
     BELTSCAPE_SHARED(float, grey, kSampled);
     BELTSCAPE_SHARED(float, seen, kSampled);
     BELTSCAPE_SHARED(int, flags, kTileThreads / kWarpSize);
-    const int left = static_cast<int>(blockIdx.x) * kTileWidth, top = static_cast<int>(blockIdx.y) * kTileHeight;
+    const int left = static_cast<int>(blockIdx.x) * kTileWidth,
+              top = static_cast<int>(blockIdx.y) * kTileHeight;
     const int x = grid_x(), y = grid_y(), thread = static_cast<int>(threadIdx.y * blockDim.x + threadIdx.x);
     const int first = static_cast<int>(threadIdx.y) * kSampledWidth + static_cast<int>(threadIdx.x);
     const bool exists = x < width && y < height;
@@ -159,9 +160,10 @@ extern "C" __global__ void propagate_direction(const float* places, const unsign
             now.toll[k] = k == 0 ? 0.0f : kNoCost;
             if (!active[pixel]) continue;
             const float toll =
-                has_before ? least_path_cost(PreviousCandidates{before.s, before.rise, before.toll, candidates, 1},
-                                             now.s[k], now.rise[k], Jumps{small_jump, large_jump})
-                           : 0.0f;
+                has_before
+                    ? least_path_cost(PreviousCandidates{before.s, before.rise, before.toll, candidates, 1},
+                                      now.s[k], now.rise[k], Jumps{small_jump, large_jump})
+                    : 0.0f;
             float& score = scores[k * pixels + pixel];
             if (is_kept) score = is_first ? toll : score + toll;
             now.toll[k] = at[field + k * pixels] + toll;

@@ -11,8 +11,8 @@ extern "C" __global__ void fill_floats(float* out, int count, float value) {
     if (i < count) out[i] = value;
 }
 
-// Raises the corners (image_height + 1, image_width + 1) of a view to the inverse depth s (height, width). The
-// largest of whole numbers does not depend on the threads' order.
+// Raises the corners (image_height + 1, image_width + 1) of a view to the inverse depth s (height, width).
+// The largest of whole numbers does not depend on the threads' order.
 extern "C" __global__ void splat_corners(const float* views, int i, const float* s, int width, int height,
                                          int image_width, int image_height, float* corners) {
     const int x = grid_x(), y = grid_y();

@@ -130,8 +130,8 @@ inline void visible(const VisibleInput& in, std::size_t threads, Grid<std::uint8
     const View view = view_of(in.view.data);
     for_bands(0, in.s.height(), kRowsPerJob, threads, [&](int first, int end) {
         for (int v = first; v < end; ++v)
-            visible_row<Floats>(view, in.s.row(v), v, 0, in.s.width(), in.buffer.width(),
-                                in.buffer.height(), in.buffer.data, in.tolerance, out.row(v));
+            visible_row<Floats>(view, in.s.row(v), v, 0, in.s.width(), in.buffer.width(), in.buffer.height(),
+                                in.buffer.data, in.tolerance, out.row(v));
     });
 }
 #endif

@@ -18,7 +18,8 @@ import numpy as np
 
 CUDA = Path(__file__).parents[2] / "native" / "cuda"
 _TYPES = {
-    "unsigned long long": np.uint64, "unsigned char": np.uint8, "unsigned short": np.uint16, "int": np.int32, "float": np.float32, "double": np.float64
+    "unsigned long long": np.uint64, "unsigned char": np.uint8,
+    "unsigned short": np.uint16, "int": np.int32, "float": np.float32, "double": np.float64
 }  # fmt: skip
 
 

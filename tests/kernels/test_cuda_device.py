@@ -56,7 +56,7 @@ def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
     assert {"sweep_planes", "sum_equations", "fit_planes", "network_outputs"} <= set(gpu.launches)
     memory = getattr(kernels.backend, "_device").memory  # noqa: B009
     memory.trim()
-    assert memory.held == memory.in_use == 0, "a call returns all of its memory"
+    assert memory.allocated == memory.in_use == 0, "a call returns all of its memory"
     assert not gpu.buffers
     assert gpu.streams == 2, "one for memory and one for the calls, which come one after the other"
 
@@ -135,7 +135,9 @@ def test_a_machine_without_a_usable_gpu_is_named(gpu):
 def test_doctor_says_which_kernels_run_on_the_gpu(gpu):
     found = check_kernels()
     assert found.state == "ok"
-    assert found.found.startswith("cuda for sweep, aggregate, sweep_and_aggregate, spline_coefficients, warp, ")
+    assert found.found.startswith(
+        "cuda for sweep, aggregate, sweep_and_aggregate, spline_coefficients, warp, "
+    )
     assert f"; {levels()[-1]} (" in found.found
 
 

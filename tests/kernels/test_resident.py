@@ -1,4 +1,4 @@
-"""Arrays that stay on the GPU: copied once, read-only, in a pool with a bound; a GPU that fails in a frame loses none."""
+"""Arrays that stay on the GPU: copied once, read-only, in a pool with a bound; a GPU that fails loses no frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from beltscape.kernels.cuda.backend import CudaBackend
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
 from beltscape.kernels.cuda.memory import DeviceError, MemoryPool
 from beltscape.kernels.cuda.workspace import Traffic, open_workspace
-from beltscape.kernels.native import NativeBackend, levels
+from beltscape.kernels.native import NativeBackend
 from beltscape.kernels.resident import ResidentArray
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
@@ -106,7 +106,9 @@ def test_a_resident_array_is_read_only_and_else_like_numpys():
 def test_parts_and_shapes_of_a_result_stay_on_the_device():
     backend = backend_on(EmulatedDevice())
     kernels = Kernels(backend.resident)
-    values = kernels.gather([image(), image(1)], np.array([3, 4]), np.array([0, 11]), np.array([[0, 0], [1, 1]]))
+    values = kernels.gather(
+        [image(), image(1)], np.array([3, 4]), np.array([0, 11]), np.array([[0, 0], [1, 1]])
+    )
     first, second = values.reshape(2, -1)
     assert isinstance(second, ResidentArray)
     assert not backend.traffic.downloads
@@ -145,7 +147,7 @@ def test_a_pool_gives_a_block_again_once_nothing_refers_to_it():
     gc.collect()
     assert pool.take(199).raw is raw
     assert taken == [200, 200]
-    assert (pool.held, pool.peak) == (400, 400)
+    assert (pool.allocated, pool.peak) == (400, 400)
 
 
 def test_a_pool_frees_what_is_free_before_it_exceeds_its_bound_and_then_fails():
@@ -155,7 +157,9 @@ def test_a_pool_frees_what_is_free_before_it_exceeds_its_bound_and_then_fails():
     gc.collect()
     large = pool.take(600)
     assert taken == [300, 300, -1, 600]
-    with pytest.raises(DeviceError, match="^the arrays of a frame exceed the bound of 0 MB of the GPU's memory$"):
+    with pytest.raises(
+        DeviceError, match=r"^the arrays of a frame exceed the bound of 0 MB of the GPU's memory$"
+    ):
         pool.take(200)
     assert pool.in_use == 900
     assert large.size == 600
@@ -207,7 +211,9 @@ def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
     resident = backend.traffic.total_bytes
     backend.traffic.__init__()
     rig, frames = tiny
-    matcher = MultiviewReconstructor(rig, (620, 820), MultiviewSettings.preset("standard"), kernels=Kernels(backend))
+    matcher = MultiviewReconstructor(
+        rig, (620, 820), MultiviewSettings.preset("standard"), kernels=Kernels(backend)
+    )
     matcher._estimate_depth_map(frames, Silent())  # every call with its own copies
     assert resident < 0.6 * backend.traffic.total_bytes
 

@@ -111,7 +111,9 @@ class WarpingKernels(KernelFamily):
         Unser, Aldroubi & Eden, IEEE Trans. Signal Process. 41(2), 821–833, 1993, doi:10.1109/78.193221.
         """
         given = SplineInput(float32("image", image, ("h", "w")))
-        (coefficients,) = self._run("spline_coefficients", given, (np.empty(given.image.shape, np.float32),), threads)
+        (coefficients,) = self._run(
+            "spline_coefficients", given, (np.empty(given.image.shape, np.float32),), threads
+        )
         return coefficients
 
     def warp(

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple, cast
 from numpy.typing import NDArray
 
 from beltscape.kernels.backend import Backend, gpu_failures
-from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep, visibility
+from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
 from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
 from beltscape.kernels.resident import ResidentArray, as_host
 
 Plan = Callable[[Workspace, Any, Sequence[NDArray[Any]]], Sequence[DeviceArray]]
-"""Uploads a record, launches kernels and returns the results, which have the shapes and types of the last argument."""
+"""Uploads a record, launches kernels and returns the results; they have the shapes and types of the last argument."""
 
 
 def _has_no_limit(_: Any) -> bool:
@@ -35,8 +35,8 @@ _KERNELS: dict[str, _Kernel] = {
     "spline_coefficients": _Kernel(images.spline_coefficients),
     "warp": _Kernel(least_squares.warp),
     "gather": _Kernel(images.gather, images.can_gather),
-    "inverse_depth_buffers": _Kernel(visibility.inverse_depth_buffers),
-    "visible": _Kernel(visibility.visible),
+    "inverse_depth_buffers": _Kernel(images.inverse_depth_buffers),
+    "visible": _Kernel(images.visible),
     "normal_equations": _Kernel(least_squares.normal_equations, least_squares.can_sum_equations),
     "local_fit": _Kernel(least_squares.local_fit),
     "propagate": _Kernel(selection.propagate, selection.can_select),

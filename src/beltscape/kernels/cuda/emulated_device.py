@@ -39,7 +39,9 @@ class EmulatedMemory:
     @property
     def is_intact(self) -> bool:
         """Whether nothing was written past its ends."""
-        return bool((self._all[:_GUARD_BYTES] == _GUARD).all() and (self._all[-_GUARD_BYTES:] == _GUARD).all())
+        return bool(
+            (self._all[:_GUARD_BYTES] == _GUARD).all() and (self._all[-_GUARD_BYTES:] == _GUARD).all()
+        )
 
     def poison(self) -> None:
         """Fill it with NaN."""
@@ -63,26 +65,33 @@ class EmulatedDevice:
         self._module = import_module(_MODULE)
         self._seed = seed
         self._launches = 0
+        self._open = set[object]()
 
     def open_stream(self) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
-        return object()
+        stream = object()
+        self._open.add(stream)
+        return stream
 
     def close_stream(self, stream: Any) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._open.remove(stream)
 
     def copy_in(self, stream: Any, host: NDArray[Any], array: DeviceArray) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
         view_memory(array)[...] = host
 
     def copy_out(self, stream: Any, array: DeviceArray, host: NDArray[Any]) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
         host[...] = view_memory(array).reshape(host.shape)
 
     def launch(
         self, stream: Any, kernel: str, grid: Size, block: Size, arguments: Sequence[Any], shared_bytes: int
     ) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
         self._launches += 1
         seed = self._seed and self._seed * 1000 + self._launches
         arrays = [each for each in arguments if isinstance(each, DeviceArray)]
@@ -98,9 +107,16 @@ class EmulatedDevice:
 
     def record(self, stream: Any) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
 
     def wait(self, stream: Any, event: Any) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        del event
+        self._require_open(stream)
+
+    def _require_open(self, stream: object) -> None:
+        if stream not in self._open:
+            raise ValueError("the stream was closed before")
 
 
 def view_memory(array: DeviceArray) -> NDArray[Any]:

@@ -30,6 +30,7 @@ def can_sum_equations(given: Any) -> bool:
 
 def warp(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.images.WarpingKernels.warp`."""
+    del out
     views, s = work.upload(given.view), work.upload(given.s)
     return list(_warp_view(work, views, 0, given.coefficients, s))
 
@@ -64,6 +65,7 @@ def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -
 
 def local_fit(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.least_squares.LocalFitKernels.local_fit`."""
+    del out
     height, width = given.s.shape
     margin = given.windows[-1].radius
     windows = _make_windows(work, given)
@@ -72,12 +74,20 @@ def local_fit(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[
     geometry = width, height, margin
     pulled = work.upload(given.information), work.upload(given.pull), s
     work.launch(
-        "make_field", tile_grid(field.shape[1:]), TILE, *pulled, float(given.prior_information), *geometry, field
+        "make_field",
+        tile_grid(field.shape[1:]),
+        TILE,
+        *pulled,
+        float(given.prior_information),
+        *geometry,
+        field,
     )
     floats = work.allocate((5, height, width), np.float32)
     window = work.allocate((height, width), np.uint8)
     planes = s, work.upload(given.slope_u), work.upload(given.slope_v)
-    work.launch("fit_planes", tile_grid(given.s.shape), TILE, windows, field, *planes, *geometry, floats, window)
+    work.launch(
+        "fit_planes", tile_grid(given.s.shape), TILE, windows, field, *planes, *geometry, floats, window
+    )
     return [*(floats.part(i) for i in range(5)), window]
 
 

@@ -31,7 +31,7 @@ class RawMemory(Protocol):
         ...
 
 
-class Block:
+class MemoryBlock:
     """Memory that returns to its pool when nothing refers to it any more."""
 
     __slots__ = ("_pool", "events", "raw", "size")
@@ -51,7 +51,7 @@ class Block:
 class DeviceArray:
     """An array in a block, which the processor cannot read."""
 
-    block: Block
+    block: MemoryBlock
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     offset: int = 0
@@ -96,7 +96,7 @@ class MemoryPool:
     grain: int = _GRAIN
     prepare: Callable[[Any], None] = lambda _: None
     """Called with memory before each use."""
-    held: int = 0
+    allocated: int = 0
     """Bytes that the pool has of the device."""
     in_use: int = 0
     peak: int = 0
@@ -105,7 +105,7 @@ class MemoryPool:
     _returned: deque[tuple[Any, int, dict[int, Any]]] = field(default_factory=deque)
     _lock: Lock = field(default_factory=Lock)
 
-    def take(self, size: int) -> Block:
+    def take(self, size: int) -> MemoryBlock:
         """Return a block of at least ``size`` bytes; its events are those to wait for.
 
         Raises
@@ -121,9 +121,9 @@ class MemoryPool:
             self.in_use += size
             self.peak = max(self.peak, self.in_use)
         self.prepare(raw)
-        return Block(self, raw, size, events)
+        return MemoryBlock(self, raw, size, events)
 
-    def give_back(self, block: Block) -> None:
+    def give_back(self, block: MemoryBlock) -> None:
         """Note that a block is free; called by the garbage collector in any thread, so it takes no lock."""
         self._returned.append((block.raw, block.size, block.events))
 
@@ -140,19 +140,19 @@ class MemoryPool:
             self._free.setdefault(size, []).append((raw, events))
 
     def _allocate(self, size: int) -> Any:
-        if self.held + size > self.bound:
+        if self.allocated + size > self.bound:
             self._trim()
-        if self.held + size > self.bound:
+        if self.allocated + size > self.bound:
             raise DeviceError(
                 f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
             )
         raw = self.allocate(size)
-        self.held += size
+        self.allocated += size
         return raw
 
     def _trim(self) -> None:
         for size, blocks in self._free.items():
             for raw, events in blocks:
                 self.free(raw, list(events.values()))
-                self.held -= size
+                self.allocated -= size
         self._free.clear()

@@ -76,9 +76,7 @@ def propagate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[
         paths = _BAND_ROWS if dy == 0 else width + (most_rows - 1) * abs(dx)
         grid = blocks_of(paths, _THREADS[0]), bands, 1
         image = places, active, width, height, given.candidates, _BAND_ROWS, _HALO_ROWS
-        work.launch(
-            "propagate_direction", grid, _THREADS, *image, dx, dy, *jumps, int(number == 0), scores
-        )
+        work.launch("propagate_direction", grid, _THREADS, *image, dx, dy, *jumps, int(number == 0), scores)
     results = [work.allocate(array.shape, array.dtype) for array in out]
     chosen = places, scores, active, width * height, given.candidates
     work.launch("pick_candidates", grid_of(width * height), _THREADS, *chosen, *results)

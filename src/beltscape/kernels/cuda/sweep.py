@@ -41,12 +41,14 @@ def sweep(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[Devi
 
 def aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.sweep.PlaneSweepKernels.aggregate`: one band without a halo."""
+    del out
     rows = len(given.cost)
     return _aggregate_bands(work, work.upload(given.cost), given, _RowBands(rows, rows, 0))
 
 
 def sweep_and_aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.sweep.PlaneSweepKernels.sweep_and_aggregate`; 3 bytes of memory for each cost."""
+    del out
     rows = len(given.core)
     costs = _sweep_rows(work, given, 0, rows)
     return _aggregate_bands(work, costs, given, _RowBands(rows, given.band_rows, given.halo_rows))

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels.cuda.device import GpuDevice, Size
-from beltscape.kernels.cuda.memory import Block, DeviceArray
+from beltscape.kernels.cuda.memory import DeviceArray, MemoryBlock
 from beltscape.kernels.resident import ResidentArray
 
 
@@ -54,7 +54,7 @@ class Workspace:
         self._device = device
         self._stream = stream
         self._traffic = traffic
-        self._used: dict[int, Block] = {}
+        self._used: dict[int, MemoryBlock] = {}
         self._copies: dict[int, tuple[NDArray[Any], DeviceArray]] = {}
         """Arrays of the processor, by their ``id``, with the copies that this call already has."""
 

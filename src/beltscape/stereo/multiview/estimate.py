@@ -148,9 +148,7 @@ def _compute_states(
     parts = split_pixels(uncertain, context.kernels.choose_pixels(_PIXELS))
     if len(parts) == 1:
         features = inputs.compute_features(parts[0], logit[parts[0]])
-        return [
-            state.reshape(-1) for state in network.evaluate(features, context.kernels, context.threads)
-        ]
+        return [state.reshape(-1) for state in network.evaluate(features, context.kernels, context.threads)]
     states = np.empty((len(network.outputs), np.count_nonzero(uncertain)), np.float32)
 
     def compute(part: Pixels) -> None:

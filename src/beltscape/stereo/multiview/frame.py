@@ -196,9 +196,7 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     return PreparedFrame(
         core=undistorted.astype(np.float32, copy=False),
         images=on_grid,
-        coefficients=tuple(
-            kernels.spline_coefficients(image, threads=threads) for image in on_grid
-        ),
+        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in on_grid),
         views=pack_projections(rig, auxiliaries, unit, step),
         noise=noise,
         context=context,

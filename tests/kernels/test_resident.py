@@ -206,9 +206,11 @@ def same_bytes(one, other) -> bool:
 
 
 def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
-    backend = backend_on(EmulatedDevice())
+    device = EmulatedDevice()
+    backend = backend_on(device)
     reconstruct(tiny, Kernels(backend), "standard")
     resident = backend.traffic.total_bytes
+    assert device.memory.peak < 640 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
     backend.traffic.__init__()
     rig, frames = tiny
     matcher = MultiviewReconstructor(

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 MOST_BYTES = 6 << 30
-"""Bound of a pool: a frame of 48 × 36 px takes 353 bytes a pixel (emulated, preset ``standard``), so three frames of
+"""Bound of a pool: a frame of 48 × 36 px takes 591 bytes a pixel (emulated, preset ``standard``), so two frames of
 2448 × 2048 px in flight fit."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""

@@ -125,6 +125,7 @@ def test_the_simulated_board_is_held_where_the_outline_is_drawn(plant):
     homography, _ = cv2.findHomography(
         corner_points_mm(target)[corners["cam0"].ids, :2], corners["cam0"].pixels
     )
+    assert homography is not None
     outline = cv2.perspectiveTransform(outline_mm(target)[None, :, :2], homography)[0]
     assert np.abs(outline - np.array(wanted["cam0"])).mean() < 2.5  # the lens bends the outline
     board.close()

@@ -384,8 +384,7 @@ class BeltPicture:
     def __init__(self, ground: EmptyBeltReference, cell_mm: float | None = None) -> None:
         """Use blocks of an empty-belt reference's cells, with an edge near ``cell_mm``.
 
-        By default a block is one cell, for lumps as small as a frame shows, until there are too many: then blocks of
-        twice the edge, up to some `PICTURE_CELL_MM`.
+        By default a block is one cell, and twice as wide when there are too many, up to some `PICTURE_CELL_MM`.
         """
         self._cell_mm = ground.cell_mm
         self._x_mm = ground.grid.origin_mm[0]

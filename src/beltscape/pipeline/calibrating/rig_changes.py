@@ -73,7 +73,7 @@ def take_proposal(
 
 
 def undo_change(data: Path, rig_path: Path, by: str, now: datetime | None = None) -> RigChange:
-    """Put back the rig that the last taken proposal replaced, byte by byte.
+    """Put back the rig that the last taken proposal replaced, byte by byte; the taken one is kept, too.
 
     Raises
     ------
@@ -90,10 +90,26 @@ def undo_change(data: Path, rig_path: Path, by: str, now: datetime | None = None
     kept = data / FOLDER / f"{last['before']}.json"
     if not kept.is_file() or hash_file(kept) != last["before"]:
         raise InputError(f"{kept}: is missing or damaged; restore it from a backup, or calibrate again")
+    write_bytes(data / FOLDER / f"{last['after']}.json", rig_path.read_bytes())
     write_bytes(rig_path, kept.read_bytes())
     change = RigChange("undone", last["after"], last["before"], int(last["estimate"]), by)
     _add_to_journal(data, change, now)
     return change
+
+
+def withdraw_change(data: Path, rig_path: Path, change: RigChange) -> None:
+    """Put the rig's file and the journal back as they were before the last change, which a running plant refused.
+
+    Raises
+    ------
+    InputError
+        If the rig's file, or the kept one, has changed since.
+    """
+    _require_unchanged(rig_path, change.after)
+    kept = data / FOLDER / f"{change.before}.json"
+    _require_unchanged(kept, change.before)
+    write_bytes(rig_path, kept.read_bytes())
+    write_json(data / FOLDER / JOURNAL, {"changes": read_changes(data)[:-1]})
 
 
 def _require_unchanged(path: Path, digest: str) -> None:

@@ -64,12 +64,15 @@ class DriftWindow:
     """(S·B,) variances of these means, from the scatter between frames."""
     slopes: Array
     """(S·B, 7·C) mean derivatives by `PARAMETERS` of the core and of the auxiliaries."""
+    width_px: int
+    """Width of the core's images."""
 
     def to_document(self) -> dict[str, Any]:
         """Return what a later window is compared with, as plain values."""
         return {
             "names": list(self.names),
             "frames": self.frames,
+            "width_px": self.width_px,
             "mean_px": [None if np.isnan(one) else round(float(one), 6) for one in self.mean_px],
             "variance_px2": [None if np.isnan(one) else float(f"{one:.4g}") for one in self.variance_px2],
         }
@@ -78,7 +81,8 @@ class DriftWindow:
 def read_window(document: Mapping[str, Any]) -> DriftWindow:
     """Return the window of a document; it has no slopes, which the later window gives."""
     mean, variance = (np.array(document[key], np.float64) for key in ("mean_px", "variance_px2"))
-    return DriftWindow(tuple(document["names"]), int(document["frames"]), mean, variance, np.empty((0, 0)))
+    names, frames, width_px = tuple(document["names"]), int(document["frames"]), int(document["width_px"])
+    return DriftWindow(names, frames, mean, variance, np.empty((0, 0)), width_px)
 
 
 class DriftAccumulator:
@@ -119,7 +123,8 @@ class DriftAccumulator:
             scatter = np.maximum(self._squares / self._count - mean**2, 0.0)
             variance = np.where(known, scatter / (self._count - 1), np.nan)
             slopes = self._slopes / np.maximum(self._count, 1)[:, None]
-        window = DriftWindow(self._names, self.frames, mean, variance, slopes)
+        width_px = self._rig.core_camera.size_px[0]
+        window = DriftWindow(self._names, self.frames, mean, variance, slopes, width_px)
         self._count[:], self._sum[:], self._squares[:], self._slopes[:] = 0, 0, 0, 0
         self.frames = 0
         return window
@@ -223,8 +228,9 @@ def estimate_drift(now: DriftWindow, reference: DriftWindow, rig: Rig) -> Drift:
     Nothing has moved where noise explains the change; one camera has where a movement of all explains it no better.
     """
     cameras = (rig.core, *now.names)
-    difference = now.mean_px - reference.mean_px
-    variance = now.variance_px2 + reference.variance_px2 + 2 * _BIAS_PX**2
+    scale = now.width_px / reference.width_px  # of other images since, by matching.width_px
+    difference = now.mean_px - scale * reference.mean_px
+    variance = now.variance_px2 + scale**2 * reference.variance_px2 + 2 * _BIAS_PX**2
     # disparities of all pairs hold the same information several times
     count, blocks = len(now.names), BLOCKS[0] * BLOCKS[1]
     repeated = np.repeat([1.0] * count + [max(1.0, count / 2)] * (len(difference) // blocks - count), blocks)

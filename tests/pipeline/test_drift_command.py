@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.empty_belt import Belt
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.kernels import load
+from beltscape.pipeline.calibrating import rig_changes
 from beltscape.pipeline.calibrating.drift import assess_drift, differentiate_volume
 from beltscape.pipeline.calibrating.rig_changes import take_proposal
 from beltscape.service.project import open_project
@@ -103,6 +105,19 @@ def test_a_proposal_is_taken_audited_and_undone(plant, capsys) -> None:
     assert {path.stem for path in kept.iterdir()} == {"changes", log[0]["rig_before"], log[0]["rig_after"]}
     assert main(["drift", str(plant.path), "--undo"]) == 2
     assert "there is nothing to undo" in capsys.readouterr().err
+
+
+def test_a_rig_is_put_back_where_its_change_cannot_be_kept(plant, monkeypatch) -> None:
+    found, number = assess_drift(open_project(plant.path), Silent()), find_newest(plant)
+    before = (plant.folder / "rig.json").read_bytes()
+
+    def refuse(path: Path, _document: object) -> None:
+        raise OutputError(f"{path}: the disk is full")
+
+    monkeypatch.setattr(rig_changes, "write_json", refuse)
+    with pytest.raises(OutputError, match=r"changes\.json: the disk is full"):
+        take_proposal(plant.folder / "data", found, number, "anna")
+    assert (plant.folder / "rig.json").read_bytes() == before
 
 
 def test_only_the_newest_estimate_of_the_present_rig_is_taken(plant) -> None:

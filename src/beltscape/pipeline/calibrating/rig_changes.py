@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.files.atomic import ensure_output_folder, write_bytes
 from beltscape.files.json_text import hash_file, read_json, write_json
 from beltscape.files.rig_json import write_rig
@@ -68,7 +68,7 @@ def take_proposal(
     quality = {**found.proposed.quality, "drift": {"estimate": number, "from_rig": found.digest}}
     write_rig(found.rig_path, replace(found.proposed, quality=quality))
     change = RigChange("taken", found.digest, hash_file(found.rig_path), number, by)
-    _add_to_journal(data, change, now)
+    _keep_change(data, found.rig_path, change, now)
     return change
 
 
@@ -93,7 +93,7 @@ def undo_change(data: Path, rig_path: Path, by: str, now: datetime | None = None
     write_bytes(data / FOLDER / f"{last['after']}.json", rig_path.read_bytes())
     write_bytes(rig_path, kept.read_bytes())
     change = RigChange("undone", last["after"], last["before"], int(last["estimate"]), by)
-    _add_to_journal(data, change, now)
+    _keep_change(data, rig_path, change, now)
     return change
 
 
@@ -117,9 +117,14 @@ def _require_unchanged(path: Path, digest: str) -> None:
         raise InputError(f"{path}: has changed meanwhile; read the drift again")
 
 
-def _add_to_journal(data: Path, change: RigChange, now: datetime | None) -> None:
+def _keep_change(data: Path, rig_path: Path, change: RigChange, now: datetime | None) -> None:
+    """Add a change to the journal; put the rig's file back where that cannot be written."""
     at = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     entry = {"at": at, "by": change.by, "action": change.action, **{
         "before": change.before, "after": change.after, "estimate": change.estimate,
     }}  # fmt: skip
-    write_json(data / FOLDER / JOURNAL, {"changes": [*read_changes(data), entry]})
+    try:
+        write_json(data / FOLDER / JOURNAL, {"changes": [*read_changes(data), entry]})
+    except OutputError:
+        write_bytes(rig_path, (data / FOLDER / f"{change.before}.json").read_bytes())
+        raise

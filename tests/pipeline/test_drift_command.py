@@ -26,6 +26,7 @@ from tests.measure.flow.moving_belt import make_empty_belt
 from tests.pipeline.drifting_plants import HEIGHT_MM, KNOCK, DriftingPlant, copy_plant, make_knocked_plant
 from tests.synthetic.drifting_rigs import make_rig, make_true_rig
 
+
 @pytest.fixture(scope="module")
 def knocked(tmp_path_factory) -> DriftingPlant:
     return make_knocked_plant(tmp_path_factory.mktemp("drift") / "plant")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import httpx
 import numpy as np
 import pytest
 
@@ -57,7 +55,7 @@ def turn_camera(folder: Path) -> None:
         image = cv2.remap(read_image(path), source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         part = folder / path.name
         write_image(part, np.asarray(image, np.uint8))
-        os.replace(part, path)
+        part.replace(path)
 
 
 @pytest.fixture
@@ -116,7 +114,9 @@ def test_a_camera_that_turns_while_the_plant_runs_is_proposed_taken_and_undone(r
         assert client.get("/api/drift").json()["can_undo"]
         assert client.post("/api/drift/undo").json()["can_undo"] is False
         assert (folder / "rig.json").read_bytes() == before
-        wait_until(lambda: read_drift(project).estimates[-1].number > number)  # it goes on with the former rig
+        wait_until(
+            lambda: read_drift(project).estimates[-1].number > number
+        )  # it goes on with the former rig
         again = client.get("/api/drift").json()["newest"]
         assert client.post("/api/drift/take", json={"number": again}).json()["can_undo"]
     wait_until(lambda: read_drift(project).began_ns is not None)  # the reference of the new rig

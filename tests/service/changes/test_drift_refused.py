@@ -47,7 +47,11 @@ def list_files(plant: DriftingPlant) -> tuple[bytes, list[dict[str, object]], li
     """Return the rig's file, the changes, and what is audited."""
     log = plant.folder / "data" / "audit.jsonl"
     audited = [json.loads(line)["what"] for line in log.read_text().splitlines()] if log.is_file() else []
-    return (plant.folder / "rig.json").read_bytes(), list(map(dict, read_changes(plant.folder / "data"))), audited
+    return (
+        (plant.folder / "rig.json").read_bytes(),
+        list(map(dict, read_changes(plant.folder / "data"))),
+        audited,
+    )
 
 
 def test_neither_taking_nor_undoing_is_lost_where_the_plant_refuses(served) -> None:
@@ -55,15 +59,19 @@ def test_neither_taking_nor_undoing_is_lost_where_the_plant_refuses(served) -> N
     drift = serve(reloads, Silent())
     number, first = drift.read()["newest"], list_files(plant)
     reloads.refuses = True
-    with pytest.raises(InputError, match="density.kg_m3 = -1.*; the rig stays as it was"):
+    with pytest.raises(InputError, match=r"density\.kg_m3 = -1.*; the rig stays as it was"):
         drift.take(number, "anna", "")
     assert list_files(plant) == first
     reloads.refuses = False
     drift.take(number, "anna", "")
     taken = list_files(plant)
-    assert [taken[0] != first[0], [one["action"] for one in taken[1]], taken[2]] == [True, ["taken"], ["rig taken"]]
+    assert [taken[0] != first[0], [one["action"] for one in taken[1]], taken[2]] == [
+        True,
+        ["taken"],
+        ["rig taken"],
+    ]
     reloads.refuses = True
-    with pytest.raises(InputError, match="density.kg_m3 = -1.*; the rig stays as it was"):
+    with pytest.raises(InputError, match=r"density\.kg_m3 = -1.*; the rig stays as it was"):
         drift.undo("bert", "")
     assert list_files(plant) == taken
     reloads.refuses = False
@@ -83,6 +91,6 @@ def test_a_rig_that_is_replaced_while_the_plant_refuses_is_not_overwritten(serve
         raise InputError(REFUSAL)
 
     drift = serve(replace_and_refuse, Silent())
-    with pytest.raises(InputError, match="density.kg_m3 = -1.*; .*rig.json: has changed meanwhile"):
+    with pytest.raises(InputError, match=r"density\.kg_m3 = -1.*; .*rig\.json: has changed meanwhile"):
         drift.take(drift.read()["newest"], "anna", "")
     assert (plant.folder / "rig.json").read_bytes() == another

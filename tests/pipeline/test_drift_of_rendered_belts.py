@@ -59,7 +59,7 @@ def render_frames(scene: SimulatedScene, first: int) -> list[FrameSet]:
     return [scene.render_frame(frame) for frame in range(first, first + FRAMES)]
 
 
-def watch(frames: Iterable[FrameSet], rig: Rig) -> DriftWindow:
+def accumulate(frames: Iterable[FrameSet], rig: Rig) -> DriftWindow:
     """Return the window of frames that are matched and checked by a rig."""
     window = DriftAccumulator(rig)
 
@@ -93,7 +93,7 @@ class Plant:
     later: Sequence[FrameSet]
 
     def estimate(self, frames: Iterable[FrameSet]) -> Drift:
-        return estimate_drift(watch(frames, self.rig), self.reference, self.rig)
+        return estimate_drift(accumulate(frames, self.rig), self.reference, self.rig)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def plant() -> Plant:
     true = scene.station.rig
     rng, error = np.random.default_rng(1), np.array([1e-4, 1e-4, 1e-4, 0.03, 0.03, 0.03, 1e-4])
     rig = apply_drift(true, {name: rng.normal(size=7) * error for name in true.auxiliaries})
-    return Plant(true, rig, watch(render_frames(scene, 0), rig), render_frames(scene, FRAMES))
+    return Plant(true, rig, accumulate(render_frames(scene, 0), rig), render_frames(scene, FRAMES))
 
 
 def standardise(found: Drift, change: Array) -> tuple[Array, float]:

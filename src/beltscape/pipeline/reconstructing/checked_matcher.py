@@ -234,8 +234,7 @@ class CheckedMatcher:
     ) -> DepthMap:
         """Return the depth of a frame, which may be ``pending``; report its faults when they are new."""
         checked = self.measure(frame_set, reporter, pending=pending)
-        if checked.consistency is not None:
-            consistency = checked.consistency
+        if (consistency := checked.consistency) is not None:
             state = consistency.inconsistent, consistency.core_moved, bool(checked.faults)
             if state != self._reported:
                 for line in checked.faults:

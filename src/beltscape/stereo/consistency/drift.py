@@ -48,7 +48,7 @@ _SCALE_SIGMA = 5e-4
 """σ of the common scale of all baselines, which images do not show: aluminium of 20 K more grows by as much."""
 _BIAS_PX = 0.01
 """Systematic change of the matching in a block, as other material lies there; rendered captures have 0.005 px."""
-_BIAS_SHARE = 0.1
+_BIAS_SHARE = 0.07
 """The same as a share of the change: matching reports 0.9 to 1.0 of a camera's turn in rendered frames (0.67 without
 its refinement), and loses the points that moved farthest."""
 _SURE = 0.999

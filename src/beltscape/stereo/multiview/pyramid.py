@@ -103,8 +103,10 @@ def _narrow_range(
     return s_range
 
 
-_BANDS, _ROWS = 4, 32
-"""Number of bands that are examined, and of rows in each: some 100,000 residuals of four views."""
+_BANDS, _ROWS = 4, 64
+"""Number of bands that are examined, and of rows in each."""
+_MANY_VIEWS = 4
+"""Number of views from which on each band is compared with every second one, in turn: half the time."""
 _SCALE = (1 / 16, 64.0)
 """Range of the factor, since the surface may be wrong."""
 
@@ -113,7 +115,11 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
     noise = prepared.noise
     bands = np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int)
-    jobs = [partial(_compute_squared_residuals, surface.s, prepared, int(first)) for first in bands]
+    apart = 2 if len(prepared.views) >= _MANY_VIEWS else 1
+    jobs = [
+        partial(_compute_squared_residuals, surface.s, prepared, int(first), slice(number % apart, None, apart))
+        for number, first in enumerate(bands)
+    ]
     ratios = np.concatenate([each for band in run_parallel(jobs, prepared.context.threads) for each in band])
     if not ratios.size:
         return noise
@@ -121,8 +127,10 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
 
 
-def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int) -> list[Floats]:
-    """Return each view's squared residuals over their expected variance, for the more textured half of a band."""
+def _compute_squared_residuals(
+    s: Floats, prepared: PreparedFrame, first: int, views: slice
+) -> list[Floats]:
+    """Return the squared residuals of some views over their expected variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
     core = prepared.filled_core[rows]
@@ -130,7 +138,7 @@ def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int) -
     textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
     band = np.ascontiguousarray(s[rows])
     residuals: list[Floats] = []
-    for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
+    for view, coefficients in zip(prepared.views[views], prepared.coefficients[views], strict=True):
         warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
         valid = np.isfinite(warped)
         level, variance = _normalise(np.where(valid, warped, core), noise.floor)

@@ -38,7 +38,7 @@ from matching.methods import find_interior_errors
 from matching.scenes import ROOT, AblationScene, measure_load, read_own
 from tables import format_cells, format_head
 
-_SCENES = Path(__file__).parent / "matching" / "axes.toml"
+SCENES = Path(__file__).parent / "matching" / "axes.toml"
 CACHE = ROOT / "out" / "bench-axes"
 """Folder of the rendered scenes."""
 PRESETS = ["standard", "fast"]
@@ -77,17 +77,19 @@ class Figures:
 
 def list_scenarios() -> dict[str, Scenario]:
     """Return the scenarios by name."""
-    tables = tomllib.loads(_SCENES.read_text("utf-8"))
+    tables = tomllib.loads(SCENES.read_text("utf-8"))
     return {
-        name: Scenario.model_validate(_merge(tables["plants"][changes.pop("plant", "paper")], changes))
+        name: Scenario.model_validate(merge_tables(tables["plants"][changes.pop("plant", "paper")], changes))
         for name, changes in tables["scenes"].items()
     }
 
 
-def _merge(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table with changes; a table within it is changed, and any other value replaced."""
     both = {
-        key: _merge(table[key], value) for key, value in changes.items() if isinstance(table.get(key), dict)
+        key: merge_tables(table[key], value)
+        for key, value in changes.items()
+        if isinstance(table.get(key), dict)
     }
     return {**table, **changes, **both}
 

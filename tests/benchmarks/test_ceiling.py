@@ -30,8 +30,9 @@ def test_better_decisions_reach_more(monkeypatch: pytest.MonkeyPatch) -> None:
         rig, loaded.true_depth_mm, projector, rig.cam_from_core["cam1"]
     )
     one = scenes.AblationScene(loaded, None, lit_from_cam1)
-    (reached, accepted, selected, within_2mm, blank), classes = ceiling.measure_ceilings(one)
+    (reached, from_truth, accepted, selected, within_2mm, blank), classes = ceiling.measure_ceilings(one)
     assert 0.5 < reached < accepted < selected < within_2mm <= 1
+    assert reached < from_truth < 1
     assert 0 <= blank < 0.1
     assert sum(share for share, _ in classes.values()) == pytest.approx(1)
     assert sum(missed for _, missed in classes.values()) == pytest.approx(1 - reached)

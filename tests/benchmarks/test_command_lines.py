@@ -159,6 +159,24 @@ def test_fused_belt(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.thorough
+def test_flow_over_other_plants(tmp_path, monkeypatch, capsys):
+    benchmark, scenes = importlib.import_module("axes_flow"), tmp_path / "scenes.toml"
+    scenes.write_text(
+        '[plants.paper]\nkind = "belt_loaded"\nseed = 1\nrig = { seed = 2, auxiliaries = 2, scale = 0.125 }\n'
+        "heap = { rocks = 300 }\n[scenes.small]\n",
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(benchmark, "SCENES", scenes)
+    words = ["--scenes", "small", "--presets", "fast", "--cache", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["axes_flow.py", *words])
+    benchmark.main()
+    row = capsys.readouterr().out.splitlines()[2].strip("| ").split(" | ")
+    error, sigma = (float(part.split("%")[0]) for part in row[3].split(" ± "))
+    assert row[:2] == ["fast", "small"]
+    assert abs(error) < 3 * sigma
+
+
+@pytest.mark.thorough
 def test_fused_lumps(tmp_path, monkeypatch, capsys):
     """The lumps of a simulated moving belt: pixels find more than cells of 4 mm, and no lump counts twice."""
     benchmark = importlib.import_module("fused_lumps")

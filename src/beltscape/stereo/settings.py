@@ -132,7 +132,7 @@ PRESETS: dict[Preset, dict[str, object]] = {
         "round_tolerances_px": (0.7,),
         "final_tolerance_px": 0.3,
         "twicing": False,
-        "least_confidence": 0.4,
+        "least_confidence": 0.5,
     },
     "standard": {},
 }

@@ -9,6 +9,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.measure.flow.meter import BeltFlowMeter
+from beltscape.measure.flow.strips import FlowTotals
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
@@ -26,17 +27,25 @@ def with_bridges(depth: DepthMap, confidence: float, seed: int) -> DepthMap:
     )
 
 
-def total_mm3(confidence: float) -> float:
+def measure_totals(confidence: float) -> FlowTotals:
     meter = BeltFlowMeter(make_empty_belt())
     for k, place in enumerate(np.arange(0.0, 1300.0, 130.0)):
         depth = with_bridges(depth_map(HEAP, place), confidence, k)
         meter.push(depth, round(k * 1e8), place)
     meter.finish()
-    return meter.totals.volume_mm3
+    return meter.totals
 
 
 def test_doubtful_bridges_do_not_raise_the_total() -> None:
-    assert total_mm3(0.68) == pytest.approx(HEAP.volume_mm3, rel=0.01)
+    assert measure_totals(0.68).volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.01)
+
+
+def test_bridges_that_may_be_false_enter_the_sigma_of_a_total() -> None:
+    trusted, doubtful = measure_totals(0.99), measure_totals(0.75)
+    added = np.sqrt(doubtful.sigma_mm3**2 - trusted.sigma_mm3**2)
+    left, right = make_empty_belt().belt.across_mm
+    expected = 0.5 * 0.25 * FALSE_MM / 12 * (right - left) * doubtful.length_mm
+    assert added == pytest.approx(expected, rel=0.35)  # σ of their cells changes, too
 
 
 def test_a_frame_without_a_trusted_pixel_measures_nothing() -> None:

@@ -35,6 +35,8 @@ class FusedRows:
     """(n,) share of a row's cells that a single frame measures, averaged over the frames with the row in view."""
     frames: NDArray[np.int64]
     """(n,) number of frames with the row in view."""
+    false_mm: NDArray[np.float64]
+    """(n,) σ of the row's mean height from depths that may be false, in all of its frames alike."""
     scatter: Scatter
     """Differences between the frames."""
 
@@ -80,14 +82,15 @@ def fuse(layers: Sequence[Layer], first: int, end: int) -> FusedRows:
     columns = parts[0].height_mm.shape[1]
     shape = (len(parts), end - first, columns)
     height, sigma, noise = (np.full(shape, np.nan, np.float32) for _ in range(3))
-    inside, share, ray_slope = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
+    inside, share, ray_slope, false = np.zeros((4, *shape[:2]))
     for k, part in enumerate(parts):
         rows = slice(part.first - first, part.end - first)
         height[k, rows], sigma[k, rows], noise[k, rows] = part.height_mm, part.sigma_mm, part.noise_mm
-        inside[k, rows], share[k, rows], ray_slope[k, rows] = True, part.share, part.ray_slope
-    number = np.maximum(inside.sum(axis=0), 1)
+        inside[k, rows], share[k, rows], ray_slope[k, rows] = 1, part.share, part.ray_slope
+        false[k, rows] = part.false_mm
+    number = np.maximum(inside.sum(axis=0).astype(np.int64), 1)
     layer, scatter = _fuse_stack(height, sigma, noise, first, ray_slope.sum(axis=0) / number)
-    return FusedRows(layer, share.sum(axis=0) / number, number, scatter)
+    return FusedRows(layer, share.sum(axis=0) / number, number, false.sum(axis=0) / number, scatter)
 
 
 def _fuse_stack(

@@ -49,7 +49,7 @@ class Rows:
     apart_mm5: NDArray[np.float64]
     """(n,) variance per mm of belt of errors that are independent over long stretches: noise and holes."""
     edges_mm2: NDArray[np.float64]
-    """(n,) σ of the volume per mm of belt due to the common displacement of all edges."""
+    """(n,) σ of the volume per mm of belt due to the common displacement of all edges, and to false depths there."""
     holes_mm2: NDArray[np.float64]
     """(n,) σ of the volume per mm of belt due to the common error of all filled holes."""
 
@@ -81,7 +81,7 @@ class _FusedPart:
     planes: NDArray[np.float32]
     """(3, n, Nx) height, σ and noise, mm."""
     by_row: NDArray[np.float64]
-    """(3, n) number of frames, single share, ray slope."""
+    """(4, n) number of frames, single share, ray slope, σ of the mean height from false depths."""
 
     def __len__(self) -> int:
         return self.planes.shape[1]
@@ -134,7 +134,7 @@ class RowFiller:
         out = self.mark_unseen(layer.first)
         added = _FusedPart(
             np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm]),
-            np.stack([fused.frames, fused.single_share, layer.ray_slope]).astype(np.float64),
+            np.stack([fused.frames, fused.single_share, layer.ray_slope, fused.false_mm]).astype(np.float64),
         )
         seen = layer.share >= _MIN_SHARE
         for start, stop in _find_runs(seen):
@@ -173,7 +173,7 @@ class RowFiller:
         if self._rows and row > self._end:
             columns, count = self._rows[-1].planes.shape[2], row - self._end
             blank = np.full((3, count, columns), np.nan, np.float32)
-            self._rows.append(_FusedPart(blank, np.zeros((3, count))))
+            self._rows.append(_FusedPart(blank, np.zeros((4, count))))
 
     def close(self) -> list[Rows]:
         """End the segment and return its remaining rows."""
@@ -201,7 +201,7 @@ class RowFiller:
         behind = max(self._first, self._done - self._margin)
         near = whole.cut(behind - self._first, ahead - self._first)
         height, sigma, noise = near.planes.astype(np.float64)
-        frames, single, ray_slope = near.by_row
+        frames, single, ray_slope, false_mm = near.by_row
         measured = close_pinholes(np.isfinite(height))
         slopes = np.empty((2, *height.shape))
         slopes[0], slopes[1] = self._ground.ray_slope_across(), ray_slope[:, None]
@@ -212,7 +212,7 @@ class RowFiller:
         filled = _lower_holes(filled.cut(needed), frames[needed, None])
         noise, measured, single = noise[needed], measured[needed], single[needed]
         own = slice(own.start - needed.start, own.stop - needed.start)
-        rows = self._sum_rows(filled, noise, measured, single, own)
+        rows = self._sum_rows(filled, noise, measured, single, false_mm[needed], own)
         if self._watch is not None:  # the surface is the most probable one, the totals are sums of means
             shown = continue_into_holes(filled, height, self._ground.cell_mm, needed)
             parts = (shown.value_mm[own].astype(np.float32), shown.sigma_mm[own].astype(np.float32))
@@ -228,6 +228,7 @@ class RowFiller:
         noise: NDArray[np.float64],
         measured: NDArray[np.bool_],
         single: NDArray[np.float64],
+        false_mm: NDArray[np.float64],
         own: slice,
     ) -> Rows:
         """Sums over the rows ``own`` of a filled block, whose rows begin no more than one before."""
@@ -250,7 +251,7 @@ class RowFiller:
             share=measured[own].mean(axis=1),
             single_share=single[own],
             apart_mm5=apart[own] + holes,
-            edges_mm2=EDGE_PX * cell * np.asarray(steps)[own],
+            edges_mm2=np.hypot(EDGE_PX * np.asarray(steps), measured.sum(axis=1) * false_mm)[own] * cell,
             holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -141,24 +142,34 @@ _TRUSTED = 0.9
 def compute_false_depths_mm3(
     loaded: DepthMap, camera: Camera, belt: Belt, box: Box, pixel_mm: float
 ) -> float:
-    """Return σ of the volume from depths of the box that may be false.
-
-    A pixel of confidence p is false with the probability 1 - p; then the surface is likely the lower one nearby, for
-    the matcher widens what is in front. The errors are alike over the whole box: neither noise nor holes hold them.
-    """
+    """Return σ of the volume from depths of the box that may be false (`compute_false_height_mm`)."""
     points = belt.belt_from_core.apply(loaded.points_mm(camera))
     across, along, up = np.moveaxis(points, -1, 0)
-    height = up - belt.height_mm(across)
     inside = loaded.measured & (across >= box.across_mm[0]) & (across <= box.across_mm[1])
     inside &= (along >= box.along_mm[0]) & (along <= box.along_mm[1])
-    if not inside.any():
-        return 0.0
-    trusted = np.where(inside & (loaded.confidence >= _TRUSTED), height, np.inf)
-    side = 2 * max(1, round(_FALSE_REACH_MM / pixel_mm)) + 1
-    lowest = np.minimum(ndimage.minimum_filter(trusted, side, mode="nearest"), height)
-    off = float(np.mean(((1 - loaded.confidence) * (height - lowest))[inside]))
     area = (box.across_mm[1] - box.across_mm[0]) * (box.along_mm[1] - box.along_mm[0])
-    return _FALSE_SHARE * off * area
+    height = up - belt.height_mm(across)
+    return compute_false_height_mm(height, loaded.confidence, inside, pixel_mm) * area
+
+
+def compute_false_height_mm(
+    height_mm: NDArray[np.floating],
+    confidence: NDArray[np.floating],
+    used: NDArray[np.bool_],
+    pixel_mm: float,
+) -> float:
+    """Return σ of the mean height of the used pixels from depths that may be false; 0 without any.
+
+    ``height_mm``, ``confidence`` and ``used`` are (H, W), with pixels ``pixel_mm`` apart on the belt. A pixel of
+    confidence p is false with the probability 1 - p; then the surface is likely the lower one nearby, for the matcher
+    widens what is in front. The errors are alike over the whole belt: neither noise nor holes hold them.
+    """
+    if not used.any():
+        return 0.0
+    trusted = np.where(used & (confidence >= _TRUSTED), height_mm, np.inf).astype(np.float32)
+    side = 2 * max(1, round(_FALSE_REACH_MM / pixel_mm)) + 1
+    lowest = np.minimum(cv2.erode(trusted, np.ones((side, side), np.uint8)), height_mm)
+    return _FALSE_SHARE * float(np.mean(((1 - confidence) * (height_mm - lowest))[used]))
 
 
 _MIN_VIEW_SHARE = 0.5

@@ -95,7 +95,7 @@ class MultiviewReconstructor:
         surface = discs.surface
         if selection is not None:
             surface = selection.surface.replace_where(discs.mask, discs.surface)
-        solution = self._solve_finally(surface, prepared)
+        solution = self.solve_finally(surface, prepared)
         on_step()
         return replace(state, solution=solution, filled=discs.mask, selection=selection)
 
@@ -120,7 +120,7 @@ class MultiviewReconstructor:
         planes = compute_selection_features(ConfidenceInputs.from_state(state))
         return select_candidates(state.solution.surface, planes, state.prepared)
 
-    def _solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
+    def solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
         """Return the surface after the last iteration."""
         tolerance_px = self.settings.final_tolerance_px
         solution = solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)

@@ -46,7 +46,7 @@ dev: $(VENV)/.dev $(VENV)/.native ## .venv with the program, editable, and the t
 system: dev ## Debian packages for GenICam cameras, and for tests with a browser and simulated cameras (as root)
 	apt-get update
 	DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium mosquitto gir1.2-aravis-0.8 \
-	  libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev pkg-config iproute2
+	  libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev pkg-config iproute2 fonts-wqy-microhei
 	$(BIN)/python -m pip install --quiet 'pygobject>=3.42,<3.51'
 
 demo: install ## the whole chain on a small rig; writes out/demo/report.html

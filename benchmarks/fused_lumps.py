@@ -37,7 +37,7 @@ _HEAD = (
     "size bias, σ ratio",
 )
 _COARSE_MM = 4.0
-"""Default cell of belt.tiff."""
+"""Cell of belt.tiff of a belt of 200 m."""
 _SETTINGS = LumpSettings()
 
 

@@ -2,45 +2,40 @@
 
 Writes benchmarks/GPU.md. Of every kernel of the frame stand the bytes of its arrays in and out, its operations
 (`matching.operations`), and the roofline of three graphics processors: the longer of bytes / bandwidth and operations
-/ peak, as `roofline` has it for the processor. Where a GPU is there, the times of whole calls (arrays up, launches,
-results down) and of the launches alone stand beside them, and the share of pixels in which the depth map differs from
-the processor's by more than 0.001 mm. ``--device emulated`` does the same on the emulated GPU, whose times mean
-nothing.
+/ peak, as `roofline` has it for the processor; and what a frame copies between processor and GPU (`gpu_traffic`).
+Where a GPU is there, `gpu_measure` measures the frame, its calls and launches, frames in flight, energy, memory and
+other matchers, and the share of pixels in which the depth map differs from the processor's by more than 0.001 mm;
+with ``--scales 1 2`` also of images of twice the size. ``--device emulated`` does the same on the emulated GPU, whose
+times mean nothing.
 """
 
 from __future__ import annotations
 
 import argparse
 import subprocess
-import time
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from beltscape.core.progress import Silent
-from beltscape.files.capture import read_capture
 from beltscape.files.rig_json import read_rig
-from beltscape.kernels import Kernels, kernels_on_gpu, load
-from beltscape.kernels.cuda.backend import CudaBackend
+from beltscape.kernels import kernels_on_gpu
 from beltscape.kernels.cuda.cuda_device import CudaDevice
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice
-from beltscape.kernels.native import NativeBackend, levels
-from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview.depth_range import find_depth_range
-from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.settings import PRESETS
+from gpu_measure import (
+    DISPARITIES,
+    FAR_MM,
+    FrameTraffic,
+    Measured,
+    count_traffic,
+    measure_device,
+    read_problem,
+)
 from roofline import Work, measure_frame
 
 _PAGE = Path(__file__).with_name("GPU.md")
-_FAR_MM = 0.001
-"""Depths that differ by more are counted."""
-_RUNS = 5
+_MOST_BYTES = 16 << 30
+"""Of the GPU's memory: four frames of 2448 × 2048 px in flight need 12 GB."""
 
 
 @dataclass(frozen=True)
@@ -63,103 +58,6 @@ GPUS = (
 )
 
 
-@dataclass
-class Measured:
-    """What one device needed for the kernels of a frame, and how its depth map differs."""
-
-    name: str
-    frame_s: float
-    call_s: dict[str, float]
-    """Kernel → time of its calls, with copies."""
-    launch_s: dict[str, float]
-    """Kernel of native/cuda → time of its launches."""
-    far_share: float
-    """Of the pixels that both measure: further than 0.001 mm from the processor's."""
-    only_one_share: float
-    """Of all pixels: those that only one of both measures."""
-
-
-class TimedDevice:
-    """A device that measures each launch, until it has ended."""
-
-    def __init__(self, device: GpuDevice) -> None:
-        self.name = device.name
-        self.seconds: dict[str, float] = {}
-        self._device = device
-
-    @contextmanager
-    def workspace(self) -> Generator[Any]:
-        """See `beltscape.kernels.cuda.device.GpuDevice`."""
-        with self._device.workspace() as work:
-            launch, wait = work.launch, getattr(work, "wait", lambda: None)
-
-            def timed(kernel: str, *arguments: Any, **more: Any) -> None:
-                wait()
-                start = time.perf_counter()
-                launch(kernel, *arguments, **more)
-                wait()
-                self.seconds[kernel] = self.seconds.get(kernel, 0) + time.perf_counter() - start
-
-            setattr(work, "launch", timed)  # noqa: B010
-            yield work
-
-
-class TimedBackend(CudaBackend):
-    """A CUDA back end that measures each call, copies included."""
-
-    seconds: dict[str, float]
-
-    def run(
-        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
-    ) -> Sequence[NDArray[Any]]:
-        """See `beltscape.kernels.backend.Backend`."""
-        start = time.perf_counter()
-        results = super().run(kernel, given, out, threads)
-        self.seconds[kernel] = self.seconds.get(kernel, 0) + time.perf_counter() - start
-        return results
-
-
-def measure_device(
-    device: GpuDevice, capture: Path, rig_file: Path, preset: str, runs: int = _RUNS
-) -> Measured:
-    """Return the times of a frame on a device, the least of some runs, and its difference from the processor's."""
-    rig = read_rig(rig_file)
-    source = FolderSource(read_capture(capture), {n: c.size_px for n, c in rig.cameras.items()}, Silent())
-    frame_set = next(iter(source))
-    near_far = find_depth_range(rig, frame_set, Silent(), 1)
-    settings = MultiviewSettings.preset(preset)
-
-    def matcher(kernels: Kernels) -> MultiviewReconstructor:
-        return MultiviewReconstructor(rig, near_far, settings, kernels=kernels)
-
-    native = NativeBackend(levels()[-1])
-    backend = TimedBackend(device, native)
-    on_device = matcher(Kernels(backend))
-    backend.seconds = {}
-    depth = on_device.reconstruct(frame_set, Silent())
-    frames: list[tuple[float, dict[str, float]]] = []
-    for _ in range(runs):
-        backend.seconds = {}
-        start = time.perf_counter()
-        on_device.reconstruct(frame_set, Silent())
-        frames.append((time.perf_counter() - start, backend.seconds))
-    timed = TimedDevice(device)
-    matcher(Kernels(CudaBackend(timed, native))).reconstruct(frame_set, Silent())
-
-    expected = matcher(load("native")).reconstruct(frame_set, Silent())
-    both = depth.measured & expected.measured
-    far = np.abs(depth.depth_mm - expected.depth_mm)[both] > _FAR_MM
-    frame_s, call_s = min(frames, key=lambda frame: frame[0])
-    return Measured(
-        device.name,
-        frame_s,
-        call_s,
-        timed.seconds,
-        float(far.mean()) if far.size else 0.0,
-        float((depth.measured != expected.measured).mean()),
-    )
-
-
 _INTRODUCTION = """\
 # Graphics processors
 
@@ -172,19 +70,26 @@ in the tests, where its results are those of the levels v3 and v4 byte by byte.
 
 MB are the arrays in and out of the kernels, each once; a kernel that keeps intermediate results in memory moves more.
 Roofline: the longer of MB / bandwidth and operations / peak of the maker's data sheet ({gpus}).
-It is what no implementation can beat, not what this one will reach. Transfer: the same MB between the memories of
-processor and GPU, as every call does today; images do not stay on the device. Kernels marked *processor* have no CUDA
-kernel yet.
+It is what no implementation can beat, not what this one will reach.
+"""
+_TRANSFER = """
+## Transfer between the memories of processor and GPU
+
+A result stays on the GPU until NumPy reads it, and the frame's images, splines, gains and features are copied once.
+What is still copied are the planes that the matcher computes with NumPy and OpenCV between the kernels, above all the
+features of its networks: upwards the planes themselves, downwards the surfaces and the photo-consistency from which
+they are computed. Launches are not yet recorded as graphs, because these steps stand between them.
 """
 
 
-def format_page(frame: str, work: dict[str, Work], measured: Measured | None) -> str:
-    """Return the page: the state, the counts with their rooflines, and what was measured."""
+def format_page(frame: str, work: dict[str, Work], traffic: FrameTraffic, measured: list[Measured]) -> str:
+    """Return the page: the state, the counts with their rooflines, the copies, and what was measured."""
     not_run = "**Compiled and emulated, not run**: no GPU was at hand when this page was written."
-    state = f"Measured on {measured.name}." if measured else not_run
+    state = f"Measured on {measured[0].name}." if measured else not_run
     gpus = ", ".join(_format_gpu(gpu) for gpu in GPUS)
     introduction = _INTRODUCTION.format(state=state, frame=frame, gpus=gpus)
-    rows = [*_format_counts(work), *(_format_measured(measured) if measured else [])]
+    rows = [*_format_counts(work), _TRANSFER, *_format_traffic(traffic)]
+    rows += [line for one in measured for line in _format_measured(one)]
     return "\n".join([introduction, *rows, ""])
 
 
@@ -210,9 +115,24 @@ def _format_counts(work: dict[str, Work]) -> list[str]:
         roofs = " | ".join(f"{sum(_roofline_s(one, gpu) for one in parts) * 1e3:.3f}" for gpu in GPUS)
         calls = sum(one.calls for one in parts)
         lines.append(f"| {label} | | {calls} | {size / 1e6:.1f} | {operations / 1e6:.0f} | {roofs} |")
-    size = sum(one.bytes for name, one in work.items() if name in kernels_on_gpu())
-    transfers = " | ".join(f"{size / gpu.transfer_bytes_per_s * 1e3:.2f}" for gpu in GPUS)
-    return [*lines, f"| transfer, ms | | | {size / 1e6:.1f} | | {transfers} |"]
+    return lines
+
+
+def _format_traffic(traffic: FrameTraffic) -> list[str]:
+    lines = [
+        f"| a frame copies | MB | {' | '.join(f'{gpu.name}: ms' for gpu in GPUS)} |",
+        f"|---|---|{'---|' * len(GPUS)}",
+    ]
+    rows = {
+        "where each call copies its arrays": traffic.each_call,
+        "to the GPU": traffic.up,
+        "to the processor": traffic.down,
+        "both": traffic.up + traffic.down,
+    }
+    for label, size in rows.items():
+        times = " | ".join(f"{size / gpu.transfer_bytes_per_s * 1e3:.2f}" for gpu in GPUS)
+        lines.append(f"| {label} | {size / 1e6:.1f} | {times} |")
+    return lines
 
 
 def _roofline_s(work: Work, gpu: Gpu) -> float:
@@ -220,29 +140,33 @@ def _roofline_s(work: Work, gpu: Gpu) -> float:
 
 
 def _format_measured(measured: Measured) -> list[str]:
+    repeatable = "the same bytes" if measured.is_repeatable else "**different bytes**"
+    energy = "" if measured.joules is None else f"It takes {measured.joules:.2f} J of the GPU. "
     return [
         "",
-        f"## Measured: {measured.name}",
+        f"## Measured on {measured.name}: {measured.frame}",
         "",
-        f"A frame takes {measured.frame_s * 1e3:.1f} ms, what runs on the processor included. "
-        f"Of the pixels that both measure, {measured.far_share:.4%} are further than {_FAR_MM} mm from the "
+        f"A frame takes {measured.frame_s * 1e3:.1f} ms, what runs on the processor included, and at most "
+        f"{measured.peak_bytes / 1e6:.0f} MB of memory. {energy}All runs gave {repeatable}. "
+        f"Of the pixels that both measure, {measured.far_share:.4%} are further than {FAR_MM} mm from the "
         "processor's depth; "
         f"{measured.only_one_share:.4%} of all pixels are measured by one of both only.",
         "",
-        "| kernel, with copies | ms |",
+        "| frames in flight | frames/s |",
         "|---|---|",
-        *(
-            f"| `{name}` | {s * 1e3:.3f} |"
-            for name, s in sorted(measured.call_s.items(), key=lambda x: -x[1])
-        ),
+        *(f"| {count} | {rate:.1f} |" for count, rate in measured.sets_per_s.items()),
         "",
-        "| launches of | ms |",
+        f"| other matchers, four pairs with {DISPARITIES} disparities | ms |",
         "|---|---|",
-        *(
-            f"| `{name}` | {s * 1e3:.3f} |"
-            for name, s in sorted(measured.launch_s.items(), key=lambda x: -x[1])
-        ),
+        *(f"| {name} | {s * 1e3:.1f} |" for name, s in measured.peers_s.items()),
+        *_format_times("call of", measured.call_s),
+        *_format_times("launches of", measured.launch_s),
     ]
+
+
+def _format_times(what: str, seconds: dict[str, float]) -> list[str]:
+    rows = sorted(seconds.items(), key=lambda item: -item[1])
+    return ["", f"| {what} | ms |", "|---|---|", *(f"| `{name}` | {s * 1e3:.3f} |" for name, s in rows)]
 
 
 def find_device(name: str) -> GpuDevice | None:
@@ -251,7 +175,7 @@ def find_device(name: str) -> GpuDevice | None:
         return None
     if name == "emulated":
         return EmulatedDevice()
-    device = CudaDevice()
+    device = CudaDevice(most_bytes=_MOST_BYTES)
     device.name = f"{device.model}, driver {_driver_version()}"
     return device
 
@@ -271,6 +195,9 @@ def main() -> None:
     parser.add_argument("--rig", type=Path, required=True)
     parser.add_argument("--preset", choices=sorted(PRESETS), default="standard")
     parser.add_argument("--device", choices=("cuda", "emulated", "none"), default="none")
+    parser.add_argument(
+        "--scales", type=float, nargs="+", default=[1.0], help="of the images that are measured (1)"
+    )
     parser.add_argument("--out", type=Path, default=_PAGE, help="the page (default: benchmarks/GPU.md)")
     arguments = parser.parse_args()
     device = find_device(arguments.device)
@@ -279,8 +206,11 @@ def main() -> None:
     width, height = next(iter(rig.cameras.values())).size_px
     frame = f"{len(rig.cameras)} cameras of {width} × {height} px, preset `{arguments.preset}`"
     given = arguments.capture, arguments.rig, arguments.preset
-    measured = measure_device(device, *given) if device else None
-    arguments.out.write_text(format_page(frame, work, measured), "utf-8")
+    traffic = count_traffic(read_problem(*given))
+    measured: list[Measured] = []
+    if device:
+        measured = [measure_device(device, read_problem(*given, scale)) for scale in arguments.scales]
+    arguments.out.write_text(format_page(frame, work, traffic, measured), "utf-8")
     print(f"wrote {arguments.out}")
 
 

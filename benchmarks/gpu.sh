@@ -44,5 +44,6 @@ if command -v compute-sanitizer >/dev/null; then
       tests/kernels/test_gpu.py -k self_test
   done
 fi
-step measure 150 "$python" benchmarks/gpu.py "$capture" --rig "$rig" --device cuda --out "$out/GPU.md"
+# the capture's own size, and twice it: 2448 × 2048 px from 1224 × 1024
+step measure 200 "$python" benchmarks/gpu.py "$capture" --rig "$rig" --device cuda --scales 1 2 --out "$out/GPU.md"
 exit "$failed"

@@ -54,7 +54,7 @@ def list_family(process: int) -> list[int]:
     return [process, *(one for child in began for one in list_family(int(child)))]
 
 
-def watch(program: subprocess.Popen[str], minutes: float) -> list[float]:
+def follow_memory(program: subprocess.Popen[str], minutes: float) -> list[float]:
     """Print the memory each minute until the time is over; return it, MB."""
     began, memory_of_minutes = time.monotonic(), list[float]()
     while time.monotonic() - began < 60 * minutes and program.poll() is None:
@@ -119,7 +119,7 @@ def main() -> None:
         project = write_project(plant, paced, empty, chosen.preset, chosen.workers)
         words = [sys.executable, "-m", "beltscape", "run", str(project), "--json"]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
-            memory = watch(program, chosen.minutes)
+            memory = follow_memory(program, chosen.minutes)
             os.kill(program.pid, signal.SIGTERM)
             output, _ = program.communicate()
         if program.returncode:

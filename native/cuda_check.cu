@@ -73,9 +73,9 @@ __global__ void check_occlusion(View view, const float* s, int width, int height
                                 float* corners, float* buffer, unsigned char* out) {
     const int row = static_cast<int>(blockIdx.x);
     const size_t at = row * static_cast<size_t>(width);
-    splat_row<float>(view, s + at, row, width, width, height, corners);
-    spread_row<float>(corners, row, width, buffer + at);
-    visible_row<float>(view, s + at, row, width, width, height, buffer, tolerance, out + at);
+    splat_row<float>(view, s + at, row, 0, width, width, height, corners);
+    spread_row<float>(corners, row, 0, width, width, buffer + at);
+    visible_row<float>(view, s + at, row, 0, width, width, height, buffer, tolerance, out + at);
 }
 
 // A thread takes a pixel and gathers its window itself.

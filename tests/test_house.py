@@ -23,6 +23,7 @@ SHORT = {
         "files/exposures_csv.py",
         "files/flow_csv.py",
         "files/stl.py",
+        "files/times_csv.py",
     ),
     "one check a file": ("health/*.py",),
     "one family of kernels a file": ("kernels/reference/networks.py",),

@@ -18,7 +18,6 @@ from beltscape.stereo.multiview.estimate import (
     assign_addresses,
     gather_neighbour_addresses,
     load_message_rounds,
-    split_states,
 )
 from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.optimisation import list_propagation_offsets
@@ -242,9 +241,11 @@ def _uncertain(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray
 
 def _messages(uncertain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return messages, the neighbours' addresses and the rest of the states of random uncertain pixels."""
-    shape = len(load_network("refinement").outputs), np.count_nonzero(uncertain)
-    states = np.random.default_rng(4).normal(size=shape).astype(np.float32)
-    messages, rest = split_states(states, load_message_rounds()[0])
+    outputs, pixels = load_network("refinement").outputs, np.count_nonzero(uncertain)
+    states = np.random.default_rng(4).normal(size=(len(outputs), pixels)).astype(np.float32)
+    length = sum(name.startswith("message") for name in outputs)
+    messages = np.zeros((length + 2, 2 + pixels), np.float32)
+    messages[:length, 2:], messages[length:, :2], rest = states[:length], np.eye(2), states[length:]
     neighbours = gather_neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
     return messages, neighbours, rest
 

@@ -34,6 +34,12 @@ __device__ inline const View& view_at(const float* views, int i) {
     return reinterpret_cast<const View*>(views)[i];
 }
 
+// The i-th array of a table of addresses on the device.
+template <class T>
+__device__ inline const T* array_at(const unsigned long long* addresses, int i) {
+    return reinterpret_cast<const T*>(addresses[i]);
+}
+
 // The least of all lanes' values, for each of them.
 __device__ inline unsigned least_of_warp(unsigned value) {
     for (int by = kWarpSize / 2; by > 0; by /= 2) {

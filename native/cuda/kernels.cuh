@@ -2,6 +2,10 @@
 #pragma once
 
 #include "cuda/aggregate.cuh"
+#include "cuda/images.cuh"
 #include "cuda/least_squares.cuh"
 #include "cuda/networks.cuh"
+#include "cuda/propagate.cuh"
+#include "cuda/selection.cuh"
 #include "cuda/sweep.cuh"
+#include "cuda/visibility.cuh"

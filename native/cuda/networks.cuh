@@ -26,16 +26,17 @@ __device__ inline void write_outputs(const Units<float>& outputs, int units, siz
     for (int unit = 0; unit < units; ++unit) out[unit * pixels + pixel] = outputs[unit][0];
 }
 
-// planes (inputs, pixels), limits (2, inputs), out (units of the last layer, pixels).
-extern "C" __global__ void network_outputs(const float* planes, int inputs, int pixels, const float* limits,
-                                           const float* weights, const int* units, int layer_count,
-                                           float* out) {
+// planes holds the addresses of `inputs` arrays of pixels, limits (2, inputs), out (units of the last layer,
+// pixels).
+extern "C" __global__ void network_outputs(const unsigned long long* planes, int inputs, int pixels,
+                                           const float* limits, const float* weights, const int* units,
+                                           int layer_count, float* out) {
     const int pixel = grid_x();
     if (pixel >= pixels) return;
     const PackedLayers packed(weights, inputs, units, layer_count);
     Units<float> in, spare;
     for (int p = 0; p < inputs; ++p)
-        in[p][0] = clamp(planes[static_cast<size_t>(p) * pixels + pixel], limits[p], limits[inputs + p]);
+        in[p][0] = clamp(array_at<float>(planes, p)[pixel], limits[p], limits[inputs + p]);
     const Network net = {limits, limits + inputs, packed.layers, layer_count};
     write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
 }
@@ -62,6 +63,37 @@ extern "C" __global__ void message_outputs(const float* rows, int length, int qu
     gather_inputs<float>(messages, pixel, 1, 0, in);
     const Network net = {nullptr, nullptr, packed.layers, layer_count};
     write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
+}
+
+// The messages (length + 2, kSenders + pixels) and the rest of the states (own, pixels) of `pixels` pixels
+// from the addresses of length + own numbers (pixels). The first senders have no state: their messages are 0
+// but for the last two numbers, which name them. A row of the grid takes a row of both.
+inline constexpr int kSenders = 2;
+extern "C" __global__ void place_states(const unsigned long long* states, int length, int pixels,
+                                        float* messages, float* rest) {
+    const int column = grid_x(), row = grid_y(), columns = kSenders + pixels;
+    if (column >= columns) return;
+    const int pixel = column - kSenders;
+    const bool is_message = row < length + kSenders;
+    const int state = row < length ? row : row - kSenders;
+    float value = row - length == column ? 1.0f : 0.0f;
+    if (row < length || !is_message) value = pixel < 0 ? 0.0f : array_at<float>(states, state)[pixel];
+    if (is_message)
+        messages[static_cast<size_t>(row) * columns + column] = value;
+    else if (pixel >= 0)
+        rest[static_cast<size_t>(state - length) * pixels + pixel] = value;
+}
+
+// Adds a round's changes (length + own, pixels) to the states.
+extern "C" __global__ void add_changes(const float* changes, int length, int pixels, float* messages,
+                                       float* rest) {
+    const int pixel = grid_x(), row = grid_y();
+    if (pixel >= pixels) return;
+    const float change = changes[static_cast<size_t>(row) * pixels + pixel];
+    if (row < length)
+        messages[static_cast<size_t>(row) * (kSenders + pixels) + kSenders + pixel] += change;
+    else
+        rest[static_cast<size_t>(row - length) * pixels + pixel] += change;
 }
 
 }  // namespace beltscape

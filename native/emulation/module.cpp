@@ -84,4 +84,18 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(network_outputs);
     BELTSCAPE_KERNEL(message_rows);
     BELTSCAPE_KERNEL(message_outputs);
+    BELTSCAPE_KERNEL(place_states);
+    BELTSCAPE_KERNEL(add_changes);
+    BELTSCAPE_KERNEL(filter_rows);
+    BELTSCAPE_KERNEL(filter_columns);
+    BELTSCAPE_KERNEL(gather_values);
+    BELTSCAPE_KERNEL(fill_floats);
+    BELTSCAPE_KERNEL(splat_corners);
+    BELTSCAPE_KERNEL(spread_corners);
+    BELTSCAPE_KERNEL(visible_pixels);
+    BELTSCAPE_KERNEL(surface_candidates);
+    BELTSCAPE_KERNEL(plane_consistency);
+    BELTSCAPE_KERNEL(propagate_candidates);
+    BELTSCAPE_KERNEL(propagate_direction);
+    BELTSCAPE_KERNEL(pick_candidates);
 }

@@ -26,16 +26,16 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 }
 #endif
 
-// Raises the upper left one of the 2x2 pixels about where each pixel of the core's row v is seen to its
-// inverse depth. `corners` (height + 1, width + 1) begins at pixel (-1, -1); s has the row's `end` values.
+// Raises the upper left one of the 2x2 pixels about where pixels begin ... end - 1 of the core's row v are
+// seen to their inverse depth. `corners` (height + 1, width + 1) begins at pixel (-1, -1).
 template <class F>
-BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
-                                float* corners) {
+BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int begin, int end, int width,
+                                int height, float* corners) {
     constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
     const F zero{};
     int at[kAtOnce];
     float to[kAtOnce];
-    for (int first = 0; first < end; first += kAtOnce) {
+    for (int first = begin; first < end; first += kAtOnce) {
         const int last = lesser(end, first + kAtOnce);
         for (int x = first; x < last; x += Lane<F>::count) {
             const Seen<F> seen = seen_from<F>(view, s, v, x, end);
@@ -51,28 +51,29 @@ BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end
     }
 }
 
-// Writes row v of the buffer: the largest of the four corners whose 2x2 pixels contain each of its pixels.
+// Writes columns begin ... end - 1 of row v of the buffer: the largest of the four corners whose 2x2 pixels
+// contain each of its pixels.
 template <class F>
-BELTSCAPE_INLINE void spread_row(const float* corners, int v, int width, float* out) {
+BELTSCAPE_INLINE void spread_row(const float* corners, int v, int begin, int end, int width, float* out) {
     const float* const above = corners + static_cast<size_t>(v) * static_cast<size_t>(width + 1);
     const float* const here = above + width + 1;
-    for (int x = 0; x < width; x += Lane<F>::count) {
-        const int left = width - x;
+    for (int x = begin; x < end; x += Lane<F>::count) {
+        const int left = end - x;
         const F upper = greater(load_first<F>(above + x, left), load_first<F>(above + x + 1, left));
         const F lower = greater(load_first<F>(here + x, left), load_first<F>(here + x + 1, left));
         store_first(out + x, greater(upper, lower), left);
     }
 }
 
-// 1 where the pixel of the core's row v projects into the image and `buffer` (height, width) at the nearest
-// pixel exceeds its inverse depth by at most `tolerance`, else 0.
+// Of columns begin ... end - 1: 1 where the pixel of the core's row v projects into the image and `buffer`
+// (height, width) at the nearest pixel exceeds its inverse depth by at most `tolerance`, else 0.
 template <class F>
-BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
-                                  const float* buffer, float tolerance, unsigned char* out) {
+BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int begin, int end, int width,
+                                  int height, const float* buffer, float tolerance, unsigned char* out) {
     constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
     int at[kAtOnce];
     float most[kAtOnce];  // of the buffer's inverse depth; NaN: not inside
-    for (int first = 0; first < end; first += kAtOnce) {
+    for (int first = begin; first < end; first += kAtOnce) {
         const int last = lesser(end, first + kAtOnce);
         for (int x = first; x < last; x += Lane<F>::count) {
             const Seen<F> seen = seen_from<F>(view, s, v, x, end);
@@ -108,8 +109,8 @@ inline void inverse_depth_buffers(const BuffersInput& in, std::size_t threads,
         const Workspace<float> corners(count);
         std::fill_n(corners.get(), count, 0.0f);
         for (int v = 0; v < in.s.height(); ++v)
-            splat_row<Floats>(view, in.s.row(v), v, in.s.width(), width, height, corners.get());
-        for (int v = 0; v < height; ++v) spread_row<Floats>(corners.get(), v, width, buffer.row(v));
+            splat_row<Floats>(view, in.s.row(v), v, 0, in.s.width(), width, height, corners.get());
+        for (int v = 0; v < height; ++v) spread_row<Floats>(corners.get(), v, 0, width, width, buffer.row(v));
     });
 }
 
@@ -129,7 +130,7 @@ inline void visible(const VisibleInput& in, std::size_t threads, Grid<std::uint8
     const View view = view_of(in.view.data);
     for_bands(0, in.s.height(), kRowsPerJob, threads, [&](int first, int end) {
         for (int v = first; v < end; ++v)
-            visible_row<Floats>(view, in.s.row(v), v, in.s.width(), in.buffer.width(), in.buffer.height(),
+            visible_row<Floats>(view, in.s.row(v), v, 0, in.s.width(), in.buffer.width(), in.buffer.height(),
                                 in.buffer.data, in.tolerance, out.row(v));
     });
 }

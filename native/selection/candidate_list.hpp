@@ -7,6 +7,7 @@
 
 namespace beltscape {
 
+inline constexpr int kMostCandidates = 8;
 inline constexpr float kApart = 1.5f;         // candidates farther apart in s are different surfaces
 inline constexpr float kNoCandidate = 1e6f;   // the inverse depth of a free place: far from all others
 inline constexpr float kNoCost = 1e3f;        // and its cost: anything is cheaper

@@ -13,7 +13,6 @@
 namespace beltscape {
 
 inline constexpr int kBlock = kFloatLanes > 8 ? kFloatLanes : 8;  // columns; whole lanes at every level
-inline constexpr int kMostCandidates = 8;
 
 struct PropagationCosts {
     float separation, floor, unseen_cost, tolerance, small_jump, large_jump;

@@ -12,9 +12,6 @@
 
 namespace beltscape {
 
-inline constexpr int kBandRows = 128;
-inline constexpr int kHaloRows = 12;
-
 struct PropagationInput {
     SurfaceInput surface;
     Grid<const float> core;

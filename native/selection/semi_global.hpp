@@ -8,6 +8,8 @@
 
 namespace beltscape {
 
+inline constexpr int kBandRows = 128;  // chosen at once, and the rows around them that paths begin in
+inline constexpr int kHaloRows = 12;
 inline constexpr float kSteepestStep = 1.0f;  // largest step that slopes may explain between neighbours
 
 // A step of x px costs small · x, and at most large.

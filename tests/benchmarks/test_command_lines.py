@@ -85,7 +85,9 @@ def test_the_page_of_graphics_processors(capture, monkeypatch, tmp_path):
     assert "**Compiled and emulated, not run**" in text
     assert "preset `fast`" in text
     assert "| `sweep_and_aggregate` | GPU | 1 |" in text
-    assert "| `propagate` | *processor* |" in text
+    assert "| `propagate` | GPU |" in text
+    assert "*processor*" not in text
+    assert "| where each call copies its arrays | " in text
 
 
 @pytest.mark.thorough
@@ -98,13 +100,13 @@ def test_a_frame_on_the_emulated_gpu_is_measured_and_is_that_of_the_processor(ca
     for path in capture.glob("*/000.png"):
         size = rig.cameras[path.parent.name].size_px
         cv2.imwrite(str(path), cv2.resize(read_image(path), size, interpolation=cv2.INTER_AREA))
-    measured = gpu.measure_device(
-        gpu.find_device("emulated"), capture, capture.parent / "rig.json", "fast", runs=1
-    )
+    problem = gpu.read_problem(capture, capture.parent / "rig.json", "fast")
+    measured = gpu.measure_device(gpu.find_device("emulated"), problem, runs=1)
     assert measured.far_share == measured.only_one_share == 0
     assert {"sweep_and_aggregate", "normal_equations", "propagate"} <= set(measured.call_s)
     assert {"sweep_planes", "aggregate_direction", "sum_equations"} <= set(measured.launch_s)
-    text = gpu.format_page("a frame", {}, measured)
+    assert measured.is_repeatable
+    text = gpu.format_page("a frame", {}, gpu.count_traffic(problem), [measured])
     assert "Measured on emulated." in text
     assert "| `sweep_planes` | " in text
 

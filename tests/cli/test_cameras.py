@@ -31,11 +31,13 @@ def parsed(*words: str):
 
 
 def test_summary_states_the_required_settings():
-    text = cameras.summary({"cameras": [FOUND], "check": {"cam0": "", "cam1": "no camera 10.0.0.9 answers"}})
+    check = {"cam0": "", "cam1": "no camera 10.0.0.9 answers"}
+    applied = {"cam0": {"exposure_us": 1200.0, "gain_db": None}}
+    text = cameras.summary({"cameras": [FOUND], "check": check, "applied": applied})
     assert "Basler-21730563" in text
     assert "192.168.10.11" in text
     assert "1920×1200 px, Mono12p, Mono8" in text
-    assert "fits" in text
+    assert "fits, exposure 1200 µs" in text
     assert "no camera 10.0.0.9 answers" in text
 
 

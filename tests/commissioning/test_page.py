@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from beltscape.commissioning import live, trial
+from beltscape.commissioning import staged_cameras, trial
 from beltscape.commissioning.serving import open_commission
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import STEPS
@@ -25,7 +26,7 @@ SLOW_MS = 120_000
 def demo(tmp_path_factory, monkeypatch) -> None:
     small = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
     monkeypatch.setattr(trial, "DEMO_FOLDER", small)
-    monkeypatch.setattr(live, "PERIOD_S", 0.02)
+    monkeypatch.setattr(staged_cameras, "PERIOD_S", 0.02)
 
 
 class Desk:
@@ -91,6 +92,11 @@ RESULTS = {
         "uncovered": 0.0,
         "doubts": 0,
     },
+    "skew": {
+        "delays": {"cam1": {"delay_ms": 0.021, "sigma_ms": 0.008, "belt_mm": 0.042, "sigma_mm": 0.016}},
+        "latest": "cam1",
+        "skew_limit_ms": 0.1,
+    },
     "empty": {"width_mm": 800.0, "noise_mm": 0.02, "frames": 5},
     "project": {"parts": {"rig": "2 cameras", "page": "127.0.0.1"}},
     "live": {"records": 9, "litres": 18.4, "sigma_litres": 0.9, "belt_m": 2.5, "missing_share": 0.0},
@@ -98,7 +104,14 @@ RESULTS = {
     "certificate": {"number": "2026-0001", "days": 365.0},
 }
 """What each step found, as `runner` records it."""
-SHOWN = {"images": "cam1", "rig": "0.01", "live": "18.4", "material": "0.4", "certificate": "2026-0001"}
+SHOWN = {
+    "images": "cam1",
+    "rig": "0.01",
+    "skew": "0.021",
+    "live": "18.4",
+    "material": "0.4",
+    "certificate": "2026-0001",
+}
 """A part of what the page then shows."""
 
 
@@ -126,9 +139,11 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
             assert "commission." not in shown, "a text is missing"
             assert "undefined" not in shown
             assert "NaN" not in shown
+            check_names(page, step.name)
             if step.name != "board":
                 page.wait_for_selector("#step-facts dd")
             assert SHOWN.get(step.name, "") in page.inner_text("#step-facts")
+        check_narrow(desk)
         page.click('#steps li[data-key="material"] button')
         page.wait_for_selector('#step-files a[href="api/commission/files/test/report.html"]')
         desk.browser.close()
@@ -136,13 +151,35 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
         assert [one for one in desk.errors if "409 (Conflict)" not in one] == []
 
 
+def check_narrow(desk: Desk) -> None:
+    """No step is wider than a phone, in the language with the longest words."""
+    for step in STEPS:
+        phone = desk.open(f"/?lang=de#{step.name}", wide=390, has_touch=True)
+        phone.wait_for_selector(f'#steps li[data-key="{step.name}"] button[aria-current="step"]')
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390, step.name
+        phone.context.close()
+
+
+def check_names(page, step: str) -> None:
+    """What a screen reader finds: the list of steps, its heading and state, a name for every control."""
+    tree = page.locator("body").aria_snapshot()
+    texts = read_texts("en")
+    assert f'navigation "{texts["commission.steps"]}"' in tree
+    assert f'heading "{texts[f"commission.step.{step}"]}" [level=2]' in tree
+    assert f"status: {texts['commission.status.done']}" in tree
+    unnamed = re.findall(
+        r"- (?:button|textbox|spinbutton|combobox|checkbox|radio|link)(?: \[[^]]*\])*:?$", tree, re.M
+    )
+    assert unnamed == [], tree
+
+
 def walk_to_the_board(page) -> None:
-    assert page.locator("#steps li").count() == 11
+    assert page.locator("#steps li").count() == len(STEPS)
     assert page.locator('input[name="source"][value="trial"]').is_checked()
     for name in ("cameras", "images", "trigger", "board"):
         assert page.locator("#step-title").inner_text() == read_texts("en")[f"commission.step.{name}"]
         if name == "images":
-            page.wait_for_selector(".eye svg.bars rect")
+            page.wait_for_selector(".eye svg.bars rect", state="attached")
             page.wait_for_selector(".eye .tile")
         run_step(page, name)
         page.click("#do-next")

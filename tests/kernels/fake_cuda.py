@@ -18,7 +18,8 @@ import numpy as np
 
 CUDA = Path(__file__).parents[2] / "native" / "cuda"
 _TYPES = {
-    "unsigned char": np.uint8, "unsigned short": np.uint16, "int": np.int32, "float": np.float32, "double": np.float64
+    "unsigned long long": np.uint64, "unsigned char": np.uint8,
+    "unsigned short": np.uint16, "int": np.int32, "float": np.float32, "double": np.float64
 }  # fmt: skip
 
 
@@ -41,6 +42,7 @@ class FakeGpu:
     def __init__(self) -> None:
         self.buffers: dict[int, np.ndarray] = {}
         self.streams = 0
+        self.events = 0
         self.launches: list[str] = []
         self.failure: Exception | None = None
         self.kernels = declared_kernels()
@@ -68,7 +70,7 @@ class FakeGpu:
 
 
 class Stream:
-    """The one stream, of which the GPU counts those that are open."""
+    """A stream, of which the GPU counts those that are open."""
 
     handle = 7
 
@@ -76,10 +78,22 @@ class Stream:
         self._gpu = gpu
         gpu.streams += 1
 
-    def sync(self) -> None: ...
+    def sync(self) -> None:
+        if self._gpu.failure:
+            raise self._gpu.failure
 
-    def close(self) -> None:
-        self._gpu.streams -= 1
+    def record(self) -> Event:
+        self._gpu.events += 1
+        return Event()
+
+    def wait(self, event: Event) -> None:
+        assert isinstance(event, Event)
+
+
+class Event:
+    """Something that has happened: nothing runs later than it is called."""
+
+    def sync(self) -> None: ...
 
 
 class Buffer:

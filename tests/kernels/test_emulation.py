@@ -5,8 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import zlib
-from contextlib import nullcontext
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +13,9 @@ import pytest
 from beltscape.core.errors import KernelError
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.cuda.backend import CudaBackend
-from beltscape.kernels.cuda.device import DeviceError
-from beltscape.kernels.cuda.emulated_device import EmulatedDevice, EmulatedWorkspace, is_emulation_built
+from beltscape.kernels.cuda.emulated_device import EmulatedDevice, EmulatedMemory, is_emulation_built
+from beltscape.kernels.cuda.memory import DeviceError, MemoryPool
+from beltscape.kernels.cuda.workspace import Traffic, open_workspace
 from beltscape.kernels.native import NativeBackend, levels
 
 ROOT = Path(__file__).parents[2]
@@ -123,34 +122,43 @@ def costs() -> np.ndarray:
 
 
 def test_what_is_written_past_an_array_is_found():
-    class Short(EmulatedWorkspace):
-        def allocate(self, shape, dtype):
-            return super().allocate((*shape[:-1], shape[-1] - 1) if dtype is np.float32 else shape, dtype)
+    class Short(EmulatedMemory):
+        def __init__(self, size):
+            super().__init__(size - 4 if size == 5 * 6 * 4 else size)
+            self.values = self._all[64 : 64 + size]
 
-    class ShortDevice:
-        name = "short"
-
-        def workspace(self):
-            return nullcontext(Short(import_module("beltscape.kernels._emulated"), 0))
-
-    backend = CudaBackend(ShortDevice(), NativeBackend(levels()[-1]))
+    device = EmulatedDevice()
+    device.memory = MemoryPool(Short, lambda *_: None, grain=1)
+    backend = CudaBackend(device, NativeBackend(levels()[-1]))
     with pytest.warns(RuntimeWarning, match="select_planes: a kernel writes past the ends of an array"):
         Kernels(backend).aggregate(costs(), 8, 80)
 
 
 def test_an_argument_of_another_type_is_refused_by_the_kernels_own_signature():
-    with EmulatedDevice().workspace() as work, pytest.raises(TypeError) as error:
-        work.launch("mean_level", (1, 1, 1), (256, 1, 1), np.zeros(3), 3, np.zeros(1, np.float32))
-    assert str(error.value).startswith(
-        "mean_level: arguments[0] must be a contiguous array of the kernel's type"
-    )
-    with EmulatedDevice().workspace() as work, pytest.raises(TypeError, match="must be 3 arguments"):
-        work.launch("mean_level", (1, 1, 1), (256, 1, 1), 3)
+    with open_workspace(EmulatedDevice(), Traffic()) as work:
+        level = work.allocate((1,), np.float32)
+        with pytest.raises(TypeError) as error:
+            work.launch("mean_level", (1, 1, 1), (256, 1, 1), work.upload(np.zeros(3)), 3, level)
+        assert str(error.value).startswith(
+            "mean_level: arguments[0] must be a contiguous array of the kernel's type"
+        )
+        with pytest.raises(TypeError, match="must be 3 arguments"):
+            work.launch("mean_level", (1, 1, 1), (256, 1, 1), 3)
+
+
+def test_an_array_of_the_processor_is_none_of_the_device():
+    """A transfer that is missing fails: the device's memory is apart from the processor's."""
+    with open_workspace(EmulatedDevice(), Traffic()) as work:
+        level = work.allocate((1,), np.float32)
+        with pytest.raises(TypeError, match="mean_level: an array of the processor is given to the device"):
+            work.launch("mean_level", (1, 1, 1), (256, 1, 1), np.zeros(3, np.float32), 3, level)
+        with pytest.raises(TypeError):
+            np.sqrt(np.asarray(level))  # an object, no numbers
 
 
 def test_a_device_that_fails_is_replaced_by_the_processor_with_a_warning():
     class Lost(EmulatedDevice):
-        def workspace(self):
+        def open_stream(self):
             raise DeviceError("CUDA_ERROR_DEVICE_LOST")
 
     native = load("native")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from beltscape.kernels.cuda.cuda_device import is_driver_present, is_library_pre
 from tests.kernels.rounding import first_alike
 from tests.kernels.sweep.test_aggregate import JUMPS, PLANES, costs
 from tests.kernels.sweep.test_sweep import scene
+from tests.kernels.test_resident import reconstruct, same_bytes, tiny  # noqa: F401
 
 pytestmark = [
     pytest.mark.gpu,
@@ -40,3 +43,12 @@ def test_a_sweep_is_that_of_the_processor(seed):
     given = (*scene(seed, 70 + seed, 90 - seed, 1 + seed), 0.0, 0.3, 33, 9.0)
     found, expected = (load(name).sweep(*given) for name in ("cuda", first_alike("emulated")))
     assert found.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_frames_in_flight_are_those_of_the_processor(tiny, preset):  # noqa: F811
+    expected, kernels = reconstruct(tiny, load(first_alike("emulated")), preset), load("cuda")
+    with ThreadPoolExecutor(3) as pool:
+        for found in pool.map(lambda _: reconstruct(tiny, kernels, preset), range(6)):
+            assert same_bytes(found, expected)
+    assert kernels.failure is None

@@ -5,74 +5,37 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.empty_belt import Belt
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.files.belt_json import format_belt
-from beltscape.files.json_text import hash_file
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.kernels import load
+from beltscape.pipeline.calibrating import rig_changes
 from beltscape.pipeline.calibrating.drift import assess_drift, differentiate_volume
 from beltscape.pipeline.calibrating.rig_changes import take_proposal
-from beltscape.pipeline.live.drift import DriftMonitor
 from beltscape.service.project import open_project
-from beltscape.sinks.historian import Historian
-from beltscape.sinks.settings import HistorySettings
 from beltscape.stereo.consistency.drift import apply_drift
-from tests.measure.flow.moving_belt import CAMERA, make_empty_belt
-from tests.pipeline.certifying.plants import BEGIN_NS, SimulatedPlant
-from tests.synthetic.drifting_rigs import find_points, make_rig, make_true_rig
-
-HOUR_NS = 3600 * 10**9
-KNOCK = {"cam2": np.array([8e-4, -8e-4, 0.0, 0.2, 0.0, 0.0, 0.0])}
-HEIGHT_MM = 60.0
-
-
-class DriftingPlant(SimulatedPlant):
-    """A plant whose history also holds what its cameras showed."""
-
-    def add_window(self, true: Rig, hour: int, seed: int) -> None:
-        """Store a window of frames under a true rig."""
-        rig, rng, seconds = make_rig(), np.random.default_rng(seed), iter(range(10**6))
-        monitor = DriftMonitor(
-            rig, hash_file(self.folder / "rig.json"), every_s=1.0, frames=24,
-            monotonic_s=lambda: float(next(seconds)), wall_ns=lambda: BEGIN_NS + hour * HOUR_NS,
-        )  # fmt: skip
-        for _ in range(24):
-            monitor.add(find_points(true, rng))
-        historian = Historian(self.folder / "data", HistorySettings(reserve_mib=1))
-        monitor.store(historian)
-        historian.close()
+from tests.measure.flow.moving_belt import make_empty_belt
+from tests.pipeline.drifting_plants import HEIGHT_MM, KNOCK, DriftingPlant, copy_plant, make_knocked_plant
+from tests.synthetic.drifting_rigs import make_rig, make_true_rig
 
 
 @pytest.fixture(scope="module")
 def knocked(tmp_path_factory) -> DriftingPlant:
-    made = DriftingPlant(tmp_path_factory.mktemp("drift") / "plant")
-    write_rig(made.folder / "rig.json", make_rig())
-    belt = make_empty_belt().belt
-    (made.folder / "belt.json").write_text(format_belt(belt, CAMERA, []))
-    text = made.path.read_text()
-    if "rig =" not in text:
-        made.path.write_text('rig = "rig.json"\nempty = "belt.json"\n' + text)
-    made.pass_belt([HEIGHT_MM * (belt.across_mm[1] - belt.across_mm[0])] * 200)
-    made.write_history()
-    made.add_window(make_true_rig(), 1, 1)
-    made.add_window(make_true_rig(), 24, 2)
-    made.add_window(apply_drift(make_true_rig(), KNOCK), 48, 3)
-    return made
+    return make_knocked_plant(tmp_path_factory.mktemp("drift") / "plant")
 
 
 @pytest.fixture
 def plant(knocked, tmp_path) -> DriftingPlant:
     """A copy of the plant that a test may change."""
-    shutil.copytree(knocked.folder, tmp_path / "plant")
-    return DriftingPlant(tmp_path / "plant", project=tmp_path / "plant" / "project.toml")
+    return copy_plant(knocked, tmp_path / "plant")
 
 
 def measure_rise(true: Rig, rig: Rig, belt: Belt) -> float:
@@ -139,8 +102,23 @@ def test_a_proposal_is_taken_audited_and_undone(plant, capsys) -> None:
     log = [json.loads(line) for line in (plant.folder / "data/audit.jsonl").read_text().splitlines()]
     assert [one["what"] for one in log] == ["rig taken", "rig undone"]
     assert log[0]["rig_before"] == log[1]["rig_after"]
+    kept = plant.folder / "data/rigs"  # both, so that neither is lost
+    assert {path.stem for path in kept.iterdir()} == {"changes", log[0]["rig_before"], log[0]["rig_after"]}
     assert main(["drift", str(plant.path), "--undo"]) == 2
     assert "there is nothing to undo" in capsys.readouterr().err
+
+
+def test_a_rig_is_put_back_where_its_change_cannot_be_kept(plant, monkeypatch) -> None:
+    found, number = assess_drift(open_project(plant.path), Silent()), find_newest(plant)
+    before = (plant.folder / "rig.json").read_bytes()
+
+    def refuse(path: Path, _document: object) -> None:
+        raise OutputError(f"{path}: the disk is full")
+
+    monkeypatch.setattr(rig_changes, "write_json", refuse)
+    with pytest.raises(OutputError, match=r"changes\.json: the disk is full"):
+        take_proposal(plant.folder / "data", found, number, "anna")
+    assert (plant.folder / "rig.json").read_bytes() == before
 
 
 def test_only_the_newest_estimate_of_the_present_rig_is_taken(plant) -> None:

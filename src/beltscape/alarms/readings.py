@@ -53,6 +53,8 @@ class Readings:
     """Why reports are not written, mailed or printed, in one line; empty: they are, or need not be."""
     recording_trouble: str | None = None
     """Why raw frames are not recorded, and the fix; empty: they are, or need not be."""
+    gpu_trouble: str | None = None
+    """Why the GPU is no longer used, in one line; empty: it is, or there is none."""
     encoder_silent_s: float = _NAN
     """Time since the encoder's last reading; NaN without an encoder."""
     encoder_trouble: str | None = None

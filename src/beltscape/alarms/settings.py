@@ -279,6 +279,10 @@ class RecordingPaused(CommonSettings):
     """Raw frames should be recorded and are not."""
 
 
+class GpuLost(CommonSettings):
+    """The graphics processor failed; the processor matches until the program starts again."""
+
+
 class EncoderSilent(CommonSettings):
     """The encoder sends nothing; the belt's motion is taken from the material."""
 
@@ -359,6 +363,7 @@ class AlarmSettings(BaseModel):
     users_unreadable: UsersUnreadable = UsersUnreadable()
     reports_failing: ReportsFailing = ReportsFailing()
     recording_paused: RecordingPaused = RecordingPaused()
+    gpu_lost: GpuLost = GpuLost()
     encoder_silent: EncoderSilent = EncoderSilent()
     encoder_wrong: EncoderWrong = EncoderWrong()
     no_measurement: NoMeasurement = NoMeasurement()

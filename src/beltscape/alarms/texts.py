@@ -38,6 +38,7 @@ TEXTS = {
     "users_unreadable": "the users' database cannot be read, nobody can sign in: restore users.db from a backup",
     "reports_failing": "reports are not written, mailed or printed: check printer, mail server and disk",
     "recording_paused": "raw frames are not recorded: free space on their disk",
+    "gpu_lost": "the processor matches in its place: look into the system's log for the GPU's fault, and restart",
     "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
     "encoder_wrong": "its readings are impossible: check wiring and settings",
     "no_measurement": "{subject} is no longer measured: check cameras and belt",

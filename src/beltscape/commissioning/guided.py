@@ -10,16 +10,19 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from beltscape.calibration.detection.corners import Corners
-from beltscape.commissioning.live import CarriedBoard, LiveView, encode_jpeg, open_source
+from beltscape.commissioning.live import LiveView, encode_jpeg, open_source
+from beltscape.commissioning.staged_cameras import StagedCameras
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import BOARD, RIG, VIEWS, list_commands
 from beltscape.core.arrays import Array
@@ -49,6 +52,8 @@ _BLAMED_VIEWS = 2
 """Newest views that a camera must contradict before it is named: one may be a blink of its trigger."""
 _CLOSE_S = 30.0
 """Longest wait for the frame set that is being assessed: a large one takes seconds on a busy machine."""
+_SILENCE_S = 30.0
+"""Longest time without images in the terminal: cameras are searched for meanwhile."""
 _WAIT_S = 0.1
 """Interval at which the session looks for a new frame set or the end of a score."""
 
@@ -74,6 +79,7 @@ class GuidedSession:
         self._new_views: list[Mapping[str, Corners]] = []
         self._scored = 0
         self._process: subprocess.Popen[bytes] | None = None
+        self._output: IO[bytes] | None = None
         self._closed = threading.Event()
         self._lock = threading.Lock()
         self._is_forced = False
@@ -146,7 +152,7 @@ class GuidedSession:
         self._closed.set()
         if (process := self._process) is not None:
             process.terminate()
-            process.communicate()
+            process.wait()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(_CLOSE_S)  # a detection that is under way cannot be interrupted
 
@@ -191,7 +197,11 @@ class GuidedSession:
                 self._is_forced = False
                 self._take(frames, corners)
             self._now, self._assessment, self._frames = corners, assessment, frames
+        if isinstance(source := self._live.source, StagedCameras):
+            source.follow(self._draw_ghost())
         self._start_score()
+        if isinstance(self._live.source, StagedCameras):
+            self.wait_for_score()  # its time is counted in frame sets, however slow the machine is
         return assessment
 
     def _take(self, frames: FrameSet, corners: Mapping[str, Corners]) -> None:
@@ -219,9 +229,11 @@ class GuidedSession:
             return
         self._scored = self.taken
         (words,) = list_commands(self._state, "calibrate")
+        # a file: a pipe that nobody reads meanwhile is full after 64 KiB, and the command would wait for ever
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONUTF8": "1"},
         )  # fmt: skip
 
@@ -230,9 +242,10 @@ class GuidedSession:
         process = self._process
         if process is None or process.poll() is None:
             return
-        assert process.stdout is not None
-        with process:
-            text = process.stdout.read().decode("utf-8", "replace")
+        assert self._output is not None
+        with self._output:
+            self._output.seek(0)
+            text = self._output.read().decode("utf-8", "replace")
         self._process = None
         if process.returncode:
             document = json.loads(text) if text.strip() else {}
@@ -262,13 +275,16 @@ class GuidedSession:
         while self._process is not None and not self._closed.wait(_WAIT_S):
             self.collect_score()
 
+    def _draw_ghost(self) -> dict[str, list[list[float]]]:
+        """Return the outline of the next pose in every camera's image."""
+        return draw_ghost(self._board, self._sizes, self._state.settings.core, self._verdict, self.taken)
+
     def describe(self) -> dict[str, Any]:
         """Return what the page shows, as plain values for JSON."""
         with self._lock:
             corners_px = {name: np.concatenate(own) for name, own in self._corners_px.items()}
             sizes, now, verdict = dict(self._sizes), dict(self._now), self._verdict
             taken = self.taken
-        core = self._state.settings.core
         return {
             "taken": taken,
             "verdict": self._assessment.verdict,
@@ -280,7 +296,7 @@ class GuidedSession:
             "tolerance_mm": self._state.settings.tolerance_mm,
             "score": None if verdict is None else _describe_verdict(verdict),
             "cells": paint_coverage(sizes, corners_px, verdict),
-            "ghost": draw_ghost(self._board, sizes, core, verdict, taken),
+            "ghost": self._draw_ghost(),
             "corners": {name: np.round(own.pixels, 1) for name, own in now.items()},
             "sizes_px": sizes,
         }
@@ -305,7 +321,7 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     Raises
     ------
     InputError
-        If a camera was moved in between; it is named.
+        If a camera was moved in between, or no images come; the cameras are named.
     """
     live = LiveView(lambda: open_source(state))
     session = GuidedSession(state, live)
@@ -313,13 +329,21 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     live.open()
     if live.trouble:
         raise InputError(live.trouble)
-    last = ""
+    last, last_s, named = "", time.monotonic(), set[str]()
     try:
-        while not session.is_enough and not (isinstance(live.source, CarriedBoard) and live.source.rounds):
+        while not session.is_enough and not (
+            isinstance(live.source, StagedCameras) and live.source.is_exhausted
+        ):
             session.collect_score()
+            lost = {one.name: one.message for one in live.list_faults() if one.state == "lost"}
+            for name in lost.keys() - named:
+                reporter.warn(f"{name}: {lost[name]}")
+            named = set(lost)
             if (frames := live.take_next(last, _WAIT_S)) is None:
+                if time.monotonic() - last_s > _SILENCE_S:
+                    raise InputError(f"no images for {_SILENCE_S:.0f} s; {_describe_silence(live)}")
                 continue
-            last = frames.frame
+            last, last_s = frames.frame, time.monotonic()
             if session.assess(frames).verdict == "taken":
                 reporter.step(_describe_view(session), 1, 1)
             if session.moved:
@@ -331,6 +355,11 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     finally:
         live.close()
         session.close()
+
+
+def _describe_silence(live: LiveView) -> str:
+    """Return why there are no images, in one line."""
+    return "; ".join(f"{one.name}: {one.message}" for one in live.list_faults()) or live.trouble or "no fault"
 
 
 def _describe_view(session: GuidedSession) -> str:

@@ -1,19 +1,21 @@
 """What the cameras see now: the source of a commissioning's pictures, and the newest of them.
 
-A folder of captures stands for cameras: its views of the board are shown one after the other as somebody would carry
-the board, blurred by motion in between and then at rest.
+A folder of captures, or the trial plant, stands for cameras (`staged_cameras`).
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from beltscape.commissioning import trial
+from beltscape.commissioning.project_text import write_cameras
+from beltscape.commissioning.staged_cameras import CarriedBoard, StagedCameras
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import CAMERAS_FILE, VIEWS, find_capture
 from beltscape.core.errors import BeltscapeError, InputError
@@ -21,65 +23,17 @@ from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.interfaces import LiveSource
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.files.capture import Capture, read_capture
-from beltscape.files.images import read_image
+from beltscape.files.capture import read_capture
+from beltscape.pipeline.recording.feed import FrameFeed
 
-STILL_FRAMES, MOVING_FRAMES = 3, 1
-"""Frame sets of a view at rest, and of the motion towards it."""
-PERIOD_S = 0.25
-"""Time from one frame set of a carried board to the next: slow enough for the detection of five cameras."""
-_BLUR = 0.04
-"""Length of the motion blur over the image's width."""
-_CARRY_S = 20.0
-"""Longest wait of a carried board for its view to be looked at: a busy machine takes seconds."""
+_PATIENCE_S = 20.0
+"""Longest wait for an instant with all cameras: one that was restarted takes seconds to come back."""
 _PICTURE_PX = 640
 """Longer side of a picture for the page."""
 
 
-class CarriedBoard:
-    """Live source that shows the views of a recorded capture as if the board were carried about, again and again."""
-
-    def __init__(self, capture: Capture) -> None:
-        self._capture, self._period_s = capture, PERIOD_S
-        self._closed = threading.Event()
-        self.rounds = 0
-        """How often all views were shown."""
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Names of the capture's cameras."""
-        return self._capture.cameras
-
-    def __iter__(self) -> Iterator[FrameSet]:
-        number = 0
-        while not self._closed.is_set():
-            for frame in self._capture.frames:
-                images = self._read(frame)
-                moving = {name: _blur(image) for name, image in images.items()}
-                for shown in [moving] * MOVING_FRAMES + [images] * STILL_FRAMES:
-                    if self._closed.wait(self._period_s):
-                        return
-                    yield FrameSet(f"{number:06d}", shown, time.monotonic_ns(), recorded=frame)
-                    number += 1
-            self.rounds += 1
-
-    def _read(self, frame: str) -> dict[str, Image]:
-        files = self._capture.files
-        return {name: read_image(own[frame]) for name, own in files.items() if frame in own}
-
-    def health(self) -> Mapping[str, CameraHealth]:
-        """Return that all cameras are well."""
-        rate = 1 / self._period_s if self._period_s else float("nan")
-        return {name: CameraHealth(name, "ok", 0, 0, rate, float("nan"), "") for name in self.cameras}
-
-    def close(self) -> None:
-        """Stop before the next frame set."""
-        self._closed.set()
-
-
-def _blur(image: Image) -> Image:
-    width = max(3, round(_BLUR * image.shape[1]))
-    return np.asarray(cv2.blur(image, (width, 1)), image.dtype)
+_CARRY_S = 20.0
+"""Longest wait of a carried board for its view to be looked at: a busy machine takes seconds."""
 
 
 def open_source(state: CommissionState) -> LiveSource:
@@ -87,13 +41,41 @@ def open_source(state: CommissionState) -> LiveSource:
     settings = state.settings
     if settings.source is None:
         raise InputError("no cameras yet: finish the step cameras first")
+    if settings.source == "trial" and (board := trial.open_board(state)) is not None:
+        return board
     if settings.source != "cameras":
         return CarriedBoard(read_capture(state.folder / find_capture(settings, VIEWS)))
+    write_cameras(state)
     from beltscape.pipeline.recording.project import read_recording_project
     from beltscape.sources.genicam.source import open_cameras
 
     project = read_recording_project(state.folder / CAMERAS_FILE)
     return open_cameras(project.cameras, settings.core or project.core)
+
+
+def collect_complete(source: LiveSource, count: int, interrupted: threading.Event) -> list[FrameSet]:
+    """Return the next frame sets of all cameras.
+
+    Raises
+    ------
+    InputError
+        Where there are none for `_PATIENCE_S`; it names the cameras that are not well, and why.
+    """
+    feed, complete = FrameFeed(source, None, interrupted), list[FrameSet]()
+    until_s = time.monotonic() + _PATIENCE_S
+    for frames in feed.iterate(_PATIENCE_S):
+        if frames is not None and set(frames.images) == set(source.cameras):
+            complete.append(frames)
+            until_s = time.monotonic() + _PATIENCE_S
+        if len(complete) == count:
+            return complete
+        if time.monotonic() > until_s:
+            raise InputError(
+                f"no instant with all cameras for {_PATIENCE_S:.0f} s; {feed.describe_cameras()}"
+            )
+    if not complete:
+        raise InputError("no images: the source ended, or the step was cancelled")
+    return complete
 
 
 class LiveView:
@@ -119,6 +101,11 @@ class LiveView:
         """Names of the cameras; empty while the source is closed."""
         source = self._source
         return () if source is None else source.cameras
+
+    def list_faults(self) -> list[CameraHealth]:
+        """Return the states of the cameras that are not well, such as one that was unplugged."""
+        source = self._source
+        return [] if source is None else [one for one in source.health().values() if one.state != "ok"]
 
     @property
     def source(self) -> LiveSource | None:
@@ -148,7 +135,7 @@ class LiveView:
                     return
                 self._frames = frames
                 self._lock.notify_all()
-                if self._has_consumer and isinstance(source, CarriedBoard):
+                if self._has_consumer and isinstance(source, StagedCameras):
                     # the carried board of the trial waits until the view was looked at
                     self._lock.wait_for(
                         lambda f=frames: self._assessed == f.frame or self._source is None, _CARRY_S

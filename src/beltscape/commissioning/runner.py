@@ -12,23 +12,23 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from beltscape.commissioning import project_text, trial
-from beltscape.commissioning.live import open_source, prove_instants
+from beltscape.commissioning import material, project_text, trial
+from beltscape.commissioning.live import collect_complete, open_source, prove_instants
 from beltscape.commissioning.optics import assess_all
-from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.state import CommissionSettings, CommissionState
 from beltscape.commissioning.steps import (
     CALIBRATION,
-    CAMERAS_FILE,
     EMPTY,
     LIVE,
     MOVING,
     PROJECT,
+    RIG,
+    SKEW,
     VIEWS,
     Words,
     find_capture,
@@ -42,11 +42,17 @@ from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
 from beltscape.files.json_text import read_json, to_plain
+from beltscape.files.rig_json import read_rig
+from beltscape.health.images.synchronisation import SIGMAS
 
 Facts: TypeAlias = dict[str, Any]
 """What a step found, by the key of its text on the page."""
 _SETS = 4
 """Sets of images of which the sharpest is assessed: the board may move in one."""
+_TRIAL_INSTANTS = 24
+"""Instants of the trial plant's swung board: its delays are then known to about 0.01 ms."""
+_ROUNDED = {"exposure_us": 0.02, "gain_db": 0.1}
+"""Difference of what a camera states from what was set, over the value or 1, that is named; cameras round."""
 _DONE = re.compile(r"(?P<stage>.+): (?P<total>\d+) done")
 """A finished stage in a command's progress."""
 
@@ -74,6 +80,7 @@ class StepRun:
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
         with _lock(self._state.folder):
+            project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
         return facts
@@ -136,10 +143,7 @@ class StepRun:
         if settings.source == "cameras":
             if len(settings.devices) < 2:
                 raise SettingsError("devices: name two cameras or more, such as devices.cam0=192.168.10.11")
-            write_text(state.folder / CAMERAS_FILE, project_text.format_cameras(settings))
-            faults = {name: line for name, line in self.call_all("cameras")["check"].items() if line}
-            if faults:
-                raise InputError("; ".join(f"{name}: {line}" for name, line in faults.items()))
+            self._check_cameras("cameras")
             names = tuple(settings.devices)
         else:
             if settings.source == "captures" and settings.captures is None:
@@ -152,16 +156,43 @@ class StepRun:
             state.change_settings({"core": core})
         return {"cameras": len(names), "names": list(names), "core": core}
 
+    def _check_cameras(self, name: str) -> Facts:
+        """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
+
+        Raises
+        ------
+        InputError
+            With every camera that does not answer, or refuses a setting.
+        """
+        document = self.call_all(name)
+        if not document:
+            return {}
+        faults = [line for line in document["check"].values() if line]
+        if faults:
+            raise InputError("; ".join(faults))
+        return {key: {camera: own[key] for camera, own in document["applied"].items()}
+                for key in ("exposure_us", "gain_db")}  # fmt: skip
+
+    def _warn_of_rounding(self, applied: Facts) -> None:
+        """Warn of cameras that state another exposure time or gain than was set."""
+        for key, own in applied.items():
+            wanted = getattr(self._state.settings, key)
+            for name, value in own.items():
+                if (
+                    wanted is not None
+                    and value is not None
+                    and abs(value - wanted) > _ROUNDED[key] * max(abs(wanted), 1)
+                ):
+                    self._reporter.warn(f"{name}: {key} = {wanted:g} was set, the camera states {value:g}")
+
     def _assess_images(self) -> Facts:
-        self.call_all("images")
+        applied = self._check_cameras("images")
+        self._warn_of_rounding(applied)
         source = open_source(self._state)
         try:
-            complete = (one for one in source if set(one.images) == set(source.cameras))
-            assessed = [assess_all(one.images) for one in islice(complete, _SETS)]
+            assessed = [assess_all(one.images) for one in collect_complete(source, _SETS, self._cancelled)]
         finally:
             source.close()
-        if not assessed:
-            raise InputError("no complete set of images; see the cameras' states")
         reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():
             if report.fault:
@@ -172,6 +203,7 @@ class StepRun:
             "faults": faults,
             "sharpness": {name: report.sharpness.median for name, report in reports.items()},
             "evenness": min(report.sharpness.evenness for report in reports.values()),
+            **applied,
         }
 
     def _prove_trigger(self) -> Facts:
@@ -215,6 +247,24 @@ class StepRun:
             )
         return {**facts, "doubts": len(findings)}
 
+    def _measure_skew(self) -> Facts:
+        settings = self._state.settings
+        capture = self._state.folder / find_capture(settings, SKEW)
+        if settings.source == "cameras":
+            _set_aside(self._state.folder / SKEW)
+        elif settings.source == "trial":
+            trial.make_moving_board(self._state, _TRIAL_INSTANTS)
+        elif not capture.is_dir():
+            self._reporter.warn(
+                f"{capture}: no such capture of a board that is swung; the cameras' skew is not measured"
+            )
+            return {"delays": None}
+        delays = self.call_all("skew")["delays"]
+        require_common_instant(delays, read_rig(self._state.folder / RIG).auxiliaries, settings)
+        worst = max(delays, key=lambda name: abs(delays[name]["delay_ms"]))
+        return {"delays": delays, "latest": worst, "skew_limit_ms": settings.skew_limit_ms,
+                "speed_mm_s": settings.belt_mm_s}  # fmt: skip
+
     def _learn_belt(self) -> Facts:
         if self._state.settings.source == "cameras":
             _set_aside(self._state.folder / EMPTY)
@@ -250,12 +300,10 @@ class StepRun:
 
     def _test_material(self) -> Facts:
         state = self._state
-        if state.settings.material_test is None and len(state.settings.runs) < 2:
-            raise SettingsError("runs: give two runs or more of known mass or volume, or material_test=FILE")
         document: Any = {}
         for words in list_commands(state, "material"):
             if words[0] == "certify" and state.settings.material_test is None:
-                project_text.write_test(state)
+                material.write_test(state)
             document = self.call(words)
         return {"errors": document["errors"], "notes": document["notes"]}
 
@@ -278,12 +326,36 @@ _STEPS: Mapping[str, Callable[[StepRun], Facts]] = {
     "board": StepRun._make_board,
     "calibrate": StepRun._calibrate,
     "rig": StepRun._accept_rig,
+    "skew": StepRun._measure_skew,
     "empty": StepRun._learn_belt,
     "project": StepRun._write_project,
     "live": StepRun._test_live,
     "material": StepRun._test_material,
     "certificate": StepRun._certify,
 }
+
+
+def require_common_instant(
+    delays: Mapping[str, Mapping[str, float]], auxiliaries: Sequence[str], settings: CommissionSettings
+) -> None:
+    """Raise InputError unless every camera exposes with the core within the limit, which its σ must show."""
+    limit = settings.skew_limit_ms
+    missing = [name for name in auxiliaries if name not in delays]
+    if missing:
+        raise InputError(f"{', '.join(missing)}: did not see the board move; swing it before all cameras")
+    for name, one in delays.items():
+        if abs(one["delay_ms"]) > max(limit, SIGMAS * one["sigma_ms"]):
+            side = "after" if one["delay_ms"] > 0 else "before"
+            raise InputError(
+                f"{name}: exposes {abs(one['delay_ms']):.3g} ms ± {one['sigma_ms']:.2g} ms {side} the core, "
+                f"{abs(one['belt_mm']):.3g} mm ± {one['sigma_mm']:.2g} mm of belt at {settings.belt_mm_s:g} mm/s; "
+                f"skew_limit_ms is {limit:g}: check the trigger's wire, input and delay"
+            )
+        if SIGMAS * one["sigma_ms"] > limit:
+            raise InputError(
+                f"{name}: its delay is known to {one['sigma_ms']:.2g} ms only, too coarse for skew_limit_ms = "
+                f"{limit:g}: swing the board faster, or give more instants"
+            )
 
 
 def describe_calibration(document: Mapping[str, Any]) -> Facts:

@@ -6,15 +6,17 @@ One at a time: a step that runs has the cameras for itself. All methods may be c
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 from beltscape.commissioning.guided import GuidedSession
 from beltscape.commissioning.live import LiveView, open_source
+from beltscape.commissioning.material import DATA, count_turns
 from beltscape.commissioning.optics import assess_all
 from beltscape.commissioning.runner import StepRun
-from beltscape.commissioning.state import CommissionState
+from beltscape.commissioning.state import CommissionState, ZeroAnswer
 from beltscape.commissioning.steps import (
     STEPS,
     find_missing,
@@ -24,11 +26,15 @@ from beltscape.commissioning.steps import (
     list_commands,
 )
 from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.events import CameraHealth
 from beltscape.core.supervision import describe_failure
+from beltscape.core.translatable_message import get_key, get_values
 
 ViewAction = Literal["start", "stop", "take", "anew"]
 _LINES = 6
 """Newest lines of a step's progress that are shown."""
+_TURNS_S = 3.0
+"""Time between two counts of the belt's turns: a belt takes ten times as long for one."""
 SHOWN = (".html", ".png", ".pdf", ".svg")
 """Endings of result files that the page opens."""
 
@@ -50,6 +56,25 @@ class StepProgress:
             self.warnings.append(message)
 
 
+class TurnCounter:
+    """How often the belt has turned since the zero test's beginning, read from the plant's records now and again."""
+
+    def __init__(self, state: CommissionState) -> None:
+        self._state = state
+        self._read_of: tuple[ZeroAnswer, float] | None = None
+        self._turns: float | None = None
+
+    def read(self) -> float | None:
+        """Return the turns; None while there are none. Turns that suffice are not counted on."""
+        zero, now_s = self._state.settings.zero, time.monotonic()
+        if self._read_of is not None and self._read_of[0] == zero:
+            is_enough = self._turns is not None and self._turns >= zero.revolutions
+            if is_enough or now_s - self._read_of[1] < _TURNS_S:
+                return self._turns
+        self._read_of, self._turns = (zero, now_s), count_turns(self._state.folder / DATA, zero)
+        return self._turns
+
+
 class CommissionSession:
     """What the page of a commissioning shows and does."""
 
@@ -63,6 +88,7 @@ class CommissionSession:
         self._progress = StepProgress()
         self._failures: dict[str, str] = {}
         self._warnings: dict[str, list[str]] = {}
+        self._turns = TurnCounter(state)
 
     def take_snapshot(self) -> dict[str, Any]:
         """Return everything that the page shows, except pictures."""
@@ -75,11 +101,13 @@ class CommissionSession:
                 "steps": [self._describe_step(step.name) for step in STEPS],
                 "next": find_next(state),
                 "running": running,
+                "turns": self._turns.read(),
                 "progress": self._progress.lines if running else [],
                 "live": {
                     "is_open": self.live.is_open,
                     "cameras": self.live.cameras,
                     "trouble": self.live.trouble,
+                    "faults": [_describe_fault(one) for one in self.live.list_faults()],
                 },
                 "views": None if self._guided is None else self._guided.describe(),
             }
@@ -199,6 +227,17 @@ class CommissionSession:
     def _require_rest(self) -> None:
         if self._running:
             raise InputError(f"the step {self._running} runs: wait, or cancel it")
+
+
+def _describe_fault(health: CameraHealth) -> dict[str, Any]:
+    """Return a camera's fault by its key and values, from which the page composes its text."""
+    message = health.message
+    return {
+        "camera": health.name,
+        "text": str(message),
+        "key": get_key(message),
+        "values": get_values(message),
+    }
 
 
 _RESULTS = {

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from time import time_ns
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.core.quantities import DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.quantities import BELT_LENGTH, DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
 from beltscape.files.toml_text import describe_fault
@@ -25,6 +27,9 @@ FILE = "commission.json"
 FORMAT = "beltscape-commission/1"
 TOLERANCE_MM = 0.1
 """σ of depth from calibration that is enough where nothing else is stated: 0.1 % of a load of 100 mm. Chosen."""
+SKEW_LIMIT_MS = 0.1
+"""Largest delay of a camera where nothing else is stated: the limit at which the running plant raises an alarm."""
+_MOMENTS = ("begin", "end")
 _Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^/\\\x00-\x1f]+$")]
 _Line = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f]*$")]
 
@@ -52,10 +57,34 @@ class ReferenceAnswer(_Table):
     sigma_percent: Annotated[float, Field(gt=0, le=20)] = 0.1
 
 
-class RunAnswer(_Table):
-    """A run of the material test: a capture of it, and what is known of its load."""
+class MeasuredAnswer(_Table):
+    """Where something was measured: a capture, or a period of the plant's own records."""
 
-    capture: Path
+    capture: Path | None = None
+    begin: AwareDatetime | None = None
+    end: AwareDatetime | None = None
+    """Moments of the system clock; ``now`` is the present one."""
+
+    @model_validator(mode="after")
+    def _check_order(self) -> MeasuredAnswer:
+        if self.begin is not None and self.end is not None and self.begin >= self.end:
+            raise ValueError("begin must be before end")
+        if self.capture is not None and (self.begin or self.end):
+            raise ValueError("give either a capture, or begin and end in the plant's records")
+        return self
+
+
+class ZeroAnswer(MeasuredAnswer):
+    """The zero test: the empty belt over whole turns."""
+
+    revolutions: Annotated[int, Field(ge=1, le=1000)] = 3
+    belt_length_m: Annotated[float, BELT_LENGTH] | None = None
+    """Length of the endless belt."""
+
+
+class RunAnswer(MeasuredAnswer):
+    """A run of the material test: where it was measured, and what is known of its load."""
+
     load: Annotated[str, Field(min_length=1, max_length=40)]
     mass_kg: Annotated[float, Field(gt=0, lt=1e9)] | None = None
     volume_m3: Annotated[float, Field(gt=0, lt=1e6)] | None = None
@@ -81,6 +110,10 @@ class CommissionSettings(_Table):
     packet_size: Annotated[int, Field(ge=576, le=65535)] | None = None
     instants: Annotated[int, Field(ge=5, le=10_000)] = 50
     """Trigger instants that the proof of the trigger looks at."""
+    belt_mm_s: Annotated[float, Field(gt=0, le=20_000)] = 2000.0
+    """Greatest speed of the belt, at which the cameras' skew is given in mm of belt."""
+    skew_limit_ms: Annotated[float, Field(gt=0, le=100)] = SKEW_LIMIT_MS
+    """Largest delay of a camera that passes."""
     board: BoardAnswer = BoardAnswer()
     plan: Path | None = None
     """plan.toml of the belt: what the board must reach."""
@@ -97,6 +130,7 @@ class CommissionSettings(_Table):
     """The table [encoder] of project.toml; empty: a capture's own, or none."""
     operator: _Line = ""
     reference: ReferenceAnswer = ReferenceAnswer()
+    zero: ZeroAnswer = ZeroAnswer()
     runs: Annotated[tuple[RunAnswer, ...], Field(max_length=100)] = ()
     material_test: Path | None = None
     """A material test's file that is there; it goes before ``runs``."""
@@ -132,7 +166,7 @@ class CommissionState:
     def change_settings(self, changes: Mapping[str, Any]) -> None:
         """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""
         self.refresh()
-        merged = {**self._document["settings"], **changes}
+        merged = {**self._document["settings"], **_write_moments(changes)}
         self.settings = validate_settings(merged)
         self._document["settings"] = merged
         self._write()
@@ -168,6 +202,20 @@ class CommissionState:
         self.folder.mkdir(parents=True, exist_ok=True)
         write_text(self.path, to_json(self._document) + "\n")
         self._seen_ns = self.path.stat().st_mtime_ns
+
+
+def _write_moments(value: Any) -> Any:
+    """Return settings with ``now`` under begin and end as the present moment, and moments as texts for JSON."""
+    if is_dict(value):
+        return {
+            key: datetime.now(UTC).isoformat(timespec="milliseconds")
+            if key in _MOMENTS and one == "now"
+            else _write_moments(one)
+            for key, one in value.items()
+        }
+    if is_list_or_tuple(value):
+        return [_write_moments(one) for one in value]
+    return value.isoformat() if isinstance(value, datetime) else value
 
 
 def _fingerprint(path: Path) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from beltscape.commissioning.state import CommissionSettings, CommissionState, RunAnswer
+from beltscape.commissioning.state import CommissionSettings, CommissionState
 from beltscape.core.errors import InputError, suggest_name
 
 PROJECT, BOARD, VIEWS, RIG, BELT = (
@@ -23,6 +23,8 @@ PROJECT, BOARD, VIEWS, RIG, BELT = (
 CAMERAS_FILE = "cameras.toml"
 """The table [cameras] before there is a whole project.toml; `record` and `cameras --check` read it."""
 EMPTY, MOVING, LIVE, TEST, TEST_FILE = "empty", "moving", "live_test", "test", "material_test.toml"
+SKEW = "moving_board"
+"""Capture of a board that is swung before the cameras."""
 CALIBRATION = "rig/calibration.json"
 Status = Literal["open", "blocked", "done", "outdated"]
 Words = tuple[str, ...]
@@ -49,6 +51,7 @@ STEPS = (
     Step("board", ("cameras",), (), (BOARD,)),
     Step("calibrate", ("board",), (BOARD,), (RIG, CALIBRATION, "rig/report.html")),
     Step("rig", ("calibrate",), (RIG,)),
+    Step("skew", ("rig",), (RIG,)),
     Step("empty", ("rig",), (RIG,), (BELT,)),
     Step("project", ("empty",), (RIG, BELT), (PROJECT,)),
     Step("live", ("project",), (RIG, BELT, PROJECT)),
@@ -99,6 +102,7 @@ def list_commands(state: CommissionState, step: str) -> list[Words]:
         "trigger": _prove_trigger,
         "board": _make_board,
         "calibrate": _calibrate,
+        "skew": _measure_skew,
         "empty": _learn_belt,
         "project": _check_project,
         "live": _test_live,
@@ -136,6 +140,13 @@ def _calibrate(settings: CommissionSettings) -> Iterator[Words]:
     yield ("calibrate", VIEWS, "--board", BOARD, *core, *belt, "--out", "rig")
 
 
+def _measure_skew(settings: CommissionSettings) -> Iterator[Words]:
+    if settings.source == "cameras":
+        yield ("record", CAMERAS_FILE, "--out", SKEW, "--sequence", "--shots", str(settings.instants))
+    capture = find_capture(settings, SKEW)
+    yield ("check", capture, "--rig", RIG, "--board", BOARD, "--delays", f"{settings.belt_mm_s:g}")
+
+
 def _learn_belt(settings: CommissionSettings) -> Iterator[Words]:
     if settings.source == "cameras":
         yield ("record", CAMERAS_FILE, "--out", EMPTY, "--sequence", "--seconds", f"{settings.seconds:g}")
@@ -154,17 +165,19 @@ def _test_live(settings: CommissionSettings) -> Iterator[Words]:
     yield ("replay", PROJECT, "--capture", find_capture(settings, MOVING), "--out", LIVE)
 
 
-def name_flow(run: RunAnswer) -> str:
-    """Return the folder of a run's flow."""
-    return f"flow_{run.capture.name}"
+def name_flow(capture: Path) -> str:
+    """Return the folder of the flow of a run's capture."""
+    return f"flow_{capture.name}"
 
 
 def _test_material(settings: CommissionSettings) -> Iterator[Words]:
-    for run in () if settings.material_test else settings.runs:
-        words = ("measure", "flow", str(run.capture), "--rig", RIG, "--empty", BELT)
-        encoder = ("--encoder", str(run.capture / "encoder.csv"))
-        load = ("--preset", "fast", "--load", f"{settings.load_mm:g}")
-        yield (*words, *encoder, *load, "--out", name_flow(run))
+    captures = [run.capture for run in settings.runs] + [settings.zero.capture]
+    for capture in () if settings.material_test else captures:
+        if capture is not None:
+            words = ("measure", "flow", str(capture), "--rig", RIG, "--empty", BELT)
+            encoder = ("--encoder", str(capture / "encoder.csv"))
+            load = ("--preset", "fast", "--load", f"{settings.load_mm:g}")
+            yield (*words, *encoder, *load, "--out", name_flow(capture))
     yield ("certify", "material", _name_test(settings), "--project", PROJECT, "--out", TEST)
 
 

@@ -12,13 +12,25 @@ from typing import Any
 
 import numpy as np
 
+from beltscape.commissioning.staged_cameras import SimulatedBoard
 from beltscape.commissioning.state import CommissionState, RunAnswer
-from beltscape.commissioning.steps import EMPTY, MOVING, VIEWS, name_flow
+from beltscape.commissioning.steps import EMPTY, MOVING, SKEW, VIEWS, name_flow
+from beltscape.core.frames import Image, to_grey
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.atomic import write_text
-from beltscape.files.capture import DEMO_FOLDER
+from beltscape.files.capture import DEMO_FOLDER, read_capture
 from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import read_json
+from beltscape.files.rig_json import read_rig
+from beltscape.files.times_csv import FILE as TIMES
+from beltscape.files.times_csv import HEADER as TIMES_HEADER
+from beltscape.simulate.board_pictures import BoardPictures
+from beltscape.target.board import corner_points_mm, read_board
+from beltscape.target.planar_boards import SquareBoard
 
+RIG_FILE = "rig.json"
+"""The true rig, before which the simulated board is carried; nothing else reads it."""
 CAPTURES = "trial"
 """Folder of the captures in the commissioning's folder."""
 _SCENES = {VIEWS: "calibration", EMPTY: "belt_empty", MOVING: "belt_loaded"}
@@ -27,6 +39,10 @@ _LOADS = {"rocks": "belt_loaded", "module": "module"}
 """Load of the material test → the shipped capture."""
 _REPETITIONS, _NOISE_LEVELS = 2, 1.0
 """Runs of each load, and σ of the noise that the later ones get: about that of the images themselves."""
+_RATE_HZ = 10.0
+"""Instants a second of the swung board."""
+_SWING_FILL = 0.5
+"""Share of the core's image that it fills, so that all cameras see it."""
 _ENCODER = "frame,timestamp_s,belt_position_mm\n000,0,0\n"
 """A single instant."""
 _SIGMA_PERCENT = 0.1
@@ -39,7 +55,7 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
     for name, scene in _SCENES.items():
         _copy(DEMO_FOLDER / scene, folder / name)
     write_text(folder / MOVING / "encoder.csv", _ENCODER)
-    for name in ("board.toml", "truth/volume.json"):
+    for name in ("board.toml", "truth/volume.json", f"truth/{RIG_FILE}"):
         shutil.copy(DEMO_FOLDER / name, folder)
     return {
         "captures": CAPTURES,
@@ -51,6 +67,55 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
         "reference": {"name": "truth of the simulation", "sigma_percent": _SIGMA_PERCENT},
         "runs": [_make_run(folder, load, number) for number in range(_REPETITIONS) for load in _LOADS],
     }
+
+
+def open_board(state: CommissionState) -> SimulatedBoard | None:
+    """Return the simulated board before the trial's cameras; None in a folder of a version without one."""
+    folder = state.folder / CAPTURES
+    if not (folder / RIG_FILE).is_file():
+        return None
+    rig, board = _read_rig_and_board(folder)
+    return SimulatedBoard(rig, board, _read_backgrounds(folder, rig))
+
+
+def make_moving_board(state: CommissionState, instants: int) -> None:
+    """Write the capture of a board that is swung before the trial's cameras, with the time of every instant."""
+    folder = state.folder / CAPTURES
+    if (folder / SKEW / TIMES).is_file():
+        return
+    rig, board = _read_rig_and_board(folder)
+    pictures, rows = BoardPictures(rig, board, _read_backgrounds(folder, rig)), list[str]()
+    for number in range(instants):
+        time_s = number / _RATE_HZ
+        for name, image in pictures.render(swing_board(rig, board, time_s), number).items():
+            write_image(folder / SKEW / name / f"{number:03d}.png", image)
+        rows.append(f"{number:03d},{time_s:g}\n")
+    write_text(folder / SKEW / TIMES, ",".join(TIMES_HEADER) + "\n" + "".join(rows))
+
+
+def swing_board(rig: Rig, board: SquareBoard, time_s: float) -> Pose:
+    """Return where a board that is swung before the cameras of a rig is at a time; once in about two seconds."""
+    points = corner_points_mm(board)
+    lens, extent = rig.core_camera, np.ptp(points[:, 0])
+    depth = float(lens.focal_px[0] * extent / (_SWING_FILL * lens.size_px[0]))
+    away = np.sin(2 * np.pi * time_s * np.array([0.5, 0.37, 0.23]) + np.array([0.0, 1.0, 2.0]))
+    tilt = np.sin(2 * np.pi * time_s * np.array([0.27, 0.21, 0.16]) + np.array([0.0, 1.6, 0.0]))
+    rotation = rotation_from_vector(np.array([0.25, 0.25, 0.1]) * tilt)
+    centre = depth * (np.array([0.0, 0.0, 1.0]) + np.array([0.15, 0.1, 0.06]) * away)
+    return Pose(rotation, centre - rotation @ points.mean(axis=0))
+
+
+def _read_rig_and_board(folder: Path) -> tuple[Rig, SquareBoard]:
+    board = read_board(folder / "board.toml")
+    assert isinstance(board, SquareBoard), "the board that ships"
+    return read_rig(folder / RIG_FILE), board
+
+
+def _read_backgrounds(folder: Path, rig: Rig) -> dict[str, Image]:
+    """Return each camera's picture of the empty belt (H, W) uint8."""
+    capture = read_capture(folder / EMPTY)
+    files = {name: next(iter(capture.files[name].values())) for name in rig.cameras}
+    return {name: np.rint(to_grey(read_image(path))).astype(np.uint8) for name, path in files.items()}
 
 
 def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
@@ -88,7 +153,8 @@ def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarra
 
 def compute_true_m3(state: CommissionState, run: RunAnswer) -> float:
     """Return the true volume on the stretch of belt that a run's flow covers, m³."""
+    assert run.capture is not None, "each of the trial's runs is a capture"
     edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.load)
-    strips = read_json(state.folder / name_flow(run) / "flow.json")["strips"]
+    strips = read_json(state.folder / name_flow(run.capture) / "flow.json")["strips"]
     low, high = np.interp([strips[0]["start_mm"], strips[-1]["end_mm"]], edges, cumulated)
     return float(high - low) * 1e-9

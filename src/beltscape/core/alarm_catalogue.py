@@ -172,6 +172,8 @@ RECORDING_PAUSED = _add("recording_paused", "computer", _LOW, place=16, in_maint
 USERS_UNREADABLE = _add("users_unreadable", "computer", _WORK, place=14, in_maintenance=True)
 # the shift's paper is missing
 REPORTS_FAILING = _add("reports_failing", "computer", _WORK, place=15, in_maintenance=True)
+# the processor takes over; where it is too slow, frames are dropped
+GPU_LOST = _add("gpu_lost", "computer", _WORK, place=22, in_maintenance=True)
 # the cause of what it hides; belt may pass uncounted
 FRAMES_DROPPED = _add("frames_dropped", "computer", _LOST, place=11)
 

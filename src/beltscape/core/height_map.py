@@ -58,6 +58,40 @@ class HeightMap:
         return self.origin_mm[1] + self.cell_mm * np.arange(len(self.height_mm), dtype=np.float64)
 
 
+def coarsen(
+    heights: HeightMap, share: NDArray[np.float64], cell_mm: float
+) -> tuple[HeightMap, NDArray[np.float64]]:
+    """Return means of a height map, its σ, and the measured ``share`` (Ny, Nx) over blocks near an edge.
+
+    Blocks begin at whole multiples of their edge along y, so that belts of different beginnings share them. A block
+    is the mean of its cells with a height; without one it has none. σ is that of errors that neighbours share.
+    """
+    side = max(1, round(cell_mm / heights.cell_mm))
+    if side == 1:
+        return heights, share
+    rows, columns = heights.height_mm.shape
+    first = round(heights.origin_mm[1] / heights.cell_mm)
+    before, across = first % side, columns // side
+    size = -(-(before + rows) // side)
+    known = np.zeros((size * side, across * side))
+    known[before : before + rows] = np.isfinite(heights.height_mm[:, : across * side])
+
+    def total(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+        padded = np.zeros(known.shape)
+        padded[before : before + rows] = np.nan_to_num(plane[:, : across * side])
+        return np.where(known > 0, padded, 0.0).reshape(size, side, across, side).sum(axis=(1, 3))
+
+    number = known.reshape(size, side, across, side).sum(axis=(1, 3))
+    with np.errstate(invalid="ignore"):
+        height, sigma, part = (
+            total(plane) / number for plane in (heights.height_mm, heights.sigma_mm, share)
+        )
+    middle = 0.5 * (side - 1) * heights.cell_mm
+    start = heights.origin_mm[1] - before * heights.cell_mm
+    coarse = HeightMap(height, sigma, (heights.origin_mm[0] + middle, start + middle), side * heights.cell_mm)
+    return coarse, np.nan_to_num(part)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltProfile:
     """One cross-section of the load: its height over the empty belt along x."""

@@ -24,6 +24,8 @@ from beltscape.files.arrays import read_arrays
 from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.json_text import read_json
 
+CELL_MM = 4.0
+"""Edge, nearly, of the cells that are scored; a finer belt is averaged. Chosen: that of a belt of up to 200 m."""
 LOADED_MM = 3.0
 """True mean height of a cell from which on it counts as loaded: below it are fines and the edges of lumps."""
 _MEASURED_SHARE = 0.5

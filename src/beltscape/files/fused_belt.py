@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.height_map import HeightMap
+from beltscape.core.height_map import HeightMap, coarsen
 from beltscape.files.json_text import read_json
 from beltscape.files.tiff import read_float_tiff
 
@@ -36,6 +36,11 @@ class FusedBelt:
     """Stretch of belt that was counted, in s."""
     finest_cell_mm: float = 0.0
     """Edge of the cells that were fused, one pixel wide: finer ones of ``heights`` hold no more; 0 if not known."""
+
+    def coarsen(self, cell_mm: float) -> FusedBelt:
+        """Return the belt with cells near an edge, the means of the present ones."""
+        heights, measured = coarsen(self.heights, self.measured, cell_mm)
+        return replace(self, heights=heights, measured=measured)
 
 
 def holds_fused_belt(folder: Path) -> bool:

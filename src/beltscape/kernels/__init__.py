@@ -10,10 +10,16 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from functools import cache
+from typing import Any, TypeVar
+
+from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.backend import gpu_failures
 from beltscape.kernels.cuda.device import GpuDevice
+from beltscape.kernels.cuda.memory import DeviceError
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     LayerFusionKernels,
@@ -27,7 +33,10 @@ from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["Kernels", "kernels_on_gpu", "load"]
+__all__ = ["Kernels", "gpu_failures", "kernels_on_gpu", "load"]
+
+Result = TypeVar("Result")
+Kept = TypeVar("Kept", bound=NDArray[Any])
 
 
 class Kernels(
@@ -52,6 +61,33 @@ class Kernels(
     Every kernel takes ``threads`` (0 takes all cores), on which its result does not depend, and raises
     KernelError where the shapes of its arrays do not fit each other.
     """
+
+    @property
+    def failure(self) -> str | None:
+        """Why the GPU is no longer used; None where it is, and where there is none."""
+        return getattr(self.backend, "failure", None)
+
+    def run_resident(self, job: Callable[[Kernels], Result]) -> Result:
+        """Return a job's result with kernels whose results stay on the GPU; where it fails, all once more without it.
+
+        Without a GPU the job has these kernels. It must return arrays of the processor.
+        """
+        resident = getattr(self.backend, "resident", None)
+        if resident is not None and self.failure is None:
+            try:
+                return job(Kernels(resident))
+            except DeviceError as error:
+                resident.give_up(error)
+        return job(self)
+
+    def keep(self, array: Kept) -> Kept:
+        """Return an array for several kernels: itself, or one that is copied to the GPU once and is read-only."""
+        keep: Callable[[Kept], Kept] | None = getattr(self.backend, "keep", None)
+        return keep(array) if keep else array
+
+    def choose_pixels(self, on_processor: int) -> int:
+        """Return how many pixels a call should take together, for a number that suits a processor's caches."""
+        return int(getattr(self.backend, "pixels_at_once", on_processor))
 
 
 @cache

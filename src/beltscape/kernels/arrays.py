@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.resident import ResidentArray
 
 WINDOW_LIMIT = 15
 """Largest radius of a window, px; arrays of the native kernels have this size (``kMaxRadius``)."""
@@ -16,7 +17,8 @@ WINDOW_LIMIT = 15
 
 def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]) -> NDArray[np.float32]:
     """Return the array as contiguous float32 of a shape (a letter: any size >= 1), or raise KernelError."""
-    array = np.ascontiguousarray(array, dtype=np.float32)
+    if not (isinstance(array, ResidentArray) and array.dtype == np.float32):
+        array = np.ascontiguousarray(array, dtype=np.float32)
     if array.shape == shape:
         return array
     fits = array.ndim == len(shape) and all(
@@ -33,6 +35,8 @@ def flags(name: str, array: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArra
     """Return contiguous uint8 of a shape, from uint8 or bool, or raise KernelError."""
     if array.shape != shape or array.dtype not in (np.dtype(np.uint8), np.dtype(np.bool_)):
         raise KernelError(f"{name} must be uint8 or bool {shape}, not {array.dtype} {array.shape}")
+    if isinstance(array, ResidentArray) and array.dtype == np.uint8:
+        return array
     return np.ascontiguousarray(array).view(np.uint8)
 
 

@@ -33,9 +33,34 @@ class Backend(Protocol):
         ...
 
 
+class GpuFailures:
+    """Why a GPU is no longer used, in this process or in one of its workers; until the program ends."""
+
+    def __init__(self) -> None:
+        self._text = ""
+
+    @property
+    def text(self) -> str:
+        """The first failure, in one line; empty: none."""
+        return self._text
+
+    def note(self, text: str) -> None:
+        """Note a failure; an empty text notes none."""
+        self._text = self._text or " ".join(text.split())
+
+    def clear(self) -> None:
+        """Forget the failure, for a test."""
+        self._text = ""
+
+
+gpu_failures = GpuFailures()
+"""Of this process: the live system raises an alarm by it, reprocessing writes it into a piece's warnings."""
+
+
 class KernelFamily:
     """Kernels of one subject: methods that check their arguments once and call the back end."""
 
     def __init__(self, backend: Backend) -> None:
         self.name = backend.name
+        self.backend = backend
         self._run = backend.run

@@ -111,7 +111,9 @@ class WarpingKernels(KernelFamily):
         Unser, Aldroubi & Eden, IEEE Trans. Signal Process. 41(2), 821–833, 1993, doi:10.1109/78.193221.
         """
         given = SplineInput(float32("image", image, ("h", "w")))
-        (coefficients,) = self._run("spline_coefficients", given, (np.empty_like(given.image),), threads)
+        (coefficients,) = self._run(
+            "spline_coefficients", given, (np.empty(given.image.shape, np.float32),), threads
+        )
         return coefficients
 
     def warp(
@@ -143,5 +145,6 @@ class WarpingKernels(KernelFamily):
         """
         packed = float32("view", view, (PROJECTION_SIZE,))
         given = WarpInput(float32("s", s, ("H", "W")), packed, spline(coefficients))
-        value, slope = self._run("warp", given, (np.empty_like(given.s), np.empty_like(given.s)), threads)
+        out = np.empty(given.s.shape, np.float32), np.empty(given.s.shape, np.float32)
+        value, slope = self._run("warp", given, out, threads)
         return value, slope

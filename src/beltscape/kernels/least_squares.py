@@ -251,7 +251,7 @@ class NormalEquationsKernels(KernelFamily):
             float32("views", views, (len(coefficients), PROJECTION_SIZE)), window, residual_window,
             floor, noise_variance, model_variance, gate,
         )  # fmt: skip
-        out = np.empty_like(s), np.empty_like(s), np.empty(s.shape, np.uint8)
+        out = *(np.empty(s.shape, np.float32) for _ in range(2)), np.empty(s.shape, np.uint8)
         return NormalEquations(*self._run("normal_equations", given, out, threads))
 
 

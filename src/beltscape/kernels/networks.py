@@ -66,7 +66,9 @@ class NetworkKernels(KernelFamily):
         checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
         given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
         if out is None:
-            out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+            new = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+            found = self._run("evaluate_network", given, new, threads)
+            return [output.astype(np.float32, copy=False) for output in found]
         _check_outputs(out, len(weights[-1]), first.shape)
         for array, output in zip(out, self._run("evaluate_network", given, out, threads), strict=True):
             if output is not array:  # the reference returns arrays of its own
@@ -163,3 +165,76 @@ class MessagePassingKernels(KernelFamily):
         out = np.empty((len(weights[-1]), senders.shape[1]), np.float32)
         (outputs,) = self._run("pass_messages", given, (out,), threads)
         return outputs
+
+    def exchange_messages(
+        self,
+        states: Sequence[NDArray[np.floating]],
+        senders: NDArray[np.int32],
+        rounds: Sequence[Sequence[NDArray[np.floating]]],
+        *,
+        threads: int = 0,
+    ) -> NDArray[np.floating]:
+        """Return the last round's outputs, after all rounds before have changed the states.
+
+        A pixel's message is the first numbers of its state and two flags, both 0. The first two senders have no
+        state; their messages are 0 but for the first and the second flag. Every round but the last gives the change
+        of each pixel's state, message first. How long messages are follows from the first layer's inputs.
+
+        Parameters
+        ----------
+        states
+            S of (N,): the numbers of each pixel's state.
+        senders
+            (H, N): the senders of each pixel, at least two; pixel i is sender 2 + i.
+        rounds
+            The layers of each round, as in `pass_messages`.
+
+        Returns
+        -------
+        (M, N) float32, a row per unit of the last round's last layer.
+        """
+        pixels = senders.shape[1]
+        checked = [float32(f"states[{i}]", state, (pixels,)) for i, state in enumerate(states)]
+        if len(senders) < 2 or not rounds:
+            raise KernelError(f"rounds need two senders or more, not {len(senders)} in {len(rounds)} rounds")
+        own = rounds[0][0].shape[1] - 1 - len(senders) * len(FLAGS) - len(states)
+        length = own // (len(senders) - 1)
+        inputs = len(senders) * (length + len(FLAGS)) + len(states) - length
+        weights = [network_layers(layers, "inputs", inputs) for layers in rounds]
+        given = MessageRoundsInput(checked, np.ascontiguousarray(senders, np.int32), weights, length)
+        if not hasattr(self.backend, "keep"):
+            return exchange_by_rounds(self, given, threads)
+        out = np.empty((len(weights[-1][-1]), pixels), np.float32)
+        (outputs,) = self._run("exchange_messages", given, (out,), threads)
+        return outputs
+
+
+FLAGS = np.array([[1, 0], [0, 1]], np.float32)
+"""(2, 2) last two numbers of the messages of the two senders without a state."""
+
+
+class MessageRoundsInput(NamedTuple):
+    """Checked input of `exchange_messages`."""
+
+    states: list[NDArray[np.float32]]
+    """S of (N,)"""
+    senders: NDArray[np.int32]
+    """(H, N)"""
+    rounds: list[list[NDArray[np.float32]]]
+    length: int
+
+
+def exchange_by_rounds(
+    kernels: MessagePassingKernels, given: MessageRoundsInput, threads: int
+) -> NDArray[np.floating]:
+    """Return what `MessagePassingKernels.exchange_messages` does, by a call of `pass_messages` for each round."""
+    length, first = given.length, len(FLAGS)
+    rest = np.array(given.states[length:], np.float32).reshape(-1, given.senders.shape[1])
+    messages = np.zeros((length + first, first + rest.shape[1]), np.float32)
+    messages[:length, first:], messages[length:, :first] = given.states[:length], FLAGS
+    *changes, last = given.rounds
+    for layers in changes:
+        change = kernels.pass_messages(messages, given.senders, rest, layers, threads=threads)
+        messages[:length, first:] += change[:length]
+        rest += change[length:]
+    return kernels.pass_messages(messages, given.senders, rest, last, threads=threads)

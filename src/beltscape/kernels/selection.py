@@ -321,7 +321,7 @@ class PropagationKernels(KernelFamily):
             costs=costs,
             active=None if active is None else flags("active", active, s.shape),
         )
-        out = [np.empty_like(s) for _ in Propagated._fields]
+        out = [np.empty(s.shape, np.float32) for _ in Propagated._fields]
         return Propagated(*self._run("propagate", given, out, threads))
 
 

@@ -104,9 +104,51 @@ def _network(kernels: Any) -> Sequence[NDArray[Any]]:
     return kernels.evaluate_network(planes, limits, _layers())
 
 
+def _buffers(kernels: Any) -> list[NDArray[np.float32]]:
+    return list(kernels.inverse_depth_buffers(_surface(), _views(), [(_WIDTH, _HEIGHT)] * _VIEWS))
+
+
+def _visibility(kernels: Any) -> Sequence[NDArray[Any]]:
+    buffers = _buffers(kernels)
+    masks = [kernels.visible(_surface(), *seen, 0.5) for seen in zip(_views(), buffers, strict=True)]
+    return [*buffers, *masks]
+
+
+def _propagate(kernels: Any) -> Sequence[NDArray[Any]]:
+    s, zero = _surface(), np.zeros((_HEIGHT, _WIDTH), np.float32)
+    offsets = np.array([(2, 0), (-2, 0), (0, 3), (4, -4)])
+    return kernels.propagate(
+        s, zero, zero, _texture(0), _images(), _views(), _buffers(kernels), offsets=offsets, floor=9.0
+    )
+
+
+def _candidates(kernels: Any) -> Sequence[NDArray[Any]]:
+    s, zero, one = _surface(), np.zeros((_HEIGHT, _WIDTH), np.float32), np.ones((_HEIGHT, _WIDTH), np.float32)
+    pixels = np.arange(_WIDTH), np.arange(_WIDTH) % _HEIGHT
+    reliable = _random(9).random(s.shape) < 0.5
+    candidates = kernels.candidate_surfaces(s, zero, zero, reliable, *pixels, reach=5, separation=1.0)
+    consistency = kernels.photo_consistency(
+        *pixels, *candidates[:3], core=_texture(0), variance=400 * one, images=_images(), views=_views(),
+        buffers=_buffers(kernels), gains=[one] * _VIEWS, tolerance=1.0,
+    )  # fmt: skip
+    gathered = kernels.gather([s, _texture(1)], *pixels, np.array([(0, 0), (-3, 2)]))
+    return [*candidates, *consistency, gathered]
+
+
+def _messages(kernels: Any) -> Sequence[NDArray[Any]]:
+    senders = _random(1).integers(0, 50, (3, 80)).astype(np.int32)
+    messages, state = _random(2).normal(size=(4, 50)), _random(3).normal(size=(2, 80))
+    layers = _random(4).normal(0, 0.3, (8, 15)), _random(5).normal(0, 0.3, (2, 9))
+    return [kernels.pass_messages(messages, senders, state, layers)]
+
+
 _CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "sweep_and_aggregate": _sweep,
     "normal_equations": _normal_equations,
     "local_fit": _local_fit,
     "evaluate_network": _network,
+    "visible": _visibility,
+    "propagate": _propagate,
+    "photo_consistency": _candidates,
+    "pass_messages": _messages,
 }

@@ -64,7 +64,7 @@ class Network:
         outputs = (kernels or load()).evaluate_network(
             planes, self.limits, self.layers, threads=threads, out=out
         )
-        return [np.asarray(output, np.float32) for output in outputs]
+        return [output.astype(np.float32, copy=False) for output in outputs]
 
     def evaluate_values(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
         """Return the outputs (m, N) for features (N,) by name."""

@@ -27,6 +27,7 @@ from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.files.belt_json import write_belt
 from beltscape.files.images import decode_image
 from beltscape.files.rig_json import read_rig
+from beltscape.kernels import gpu_failures
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
@@ -144,6 +145,8 @@ def measure_piece(parcel: Parcel, piece: Piece) -> PieceResult:
             break
     total_s = time.perf_counter() - began
     times = PieceTimes(setup_s, reader.read_s, reader.decode_s, total_s, reader.read_bytes, len(piece.frames))
+    if gpu_failures.text:
+        reporter.warn(f"the GPU is no longer used, the processor takes over: {gpu_failures.text}")
     return PieceResult(tuple(_select_own(entries)), tuple(reporter.warnings), times)
 
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from beltscape.core.errors import BeltscapeError
+from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.calibrating.drift import assess_drift, make_drift_document
-from beltscape.pipeline.calibrating.rig_changes import RigChange, read_changes, take_proposal, undo_change
+from beltscape.pipeline.calibrating.rig_changes import (
+    RigChange,
+    read_changes,
+    take_proposal,
+    undo_change,
+    withdraw_change,
+)
 from beltscape.report.metrology.drift import render_drift
 from beltscape.service.access import Access
 from beltscape.service.project import open_project
@@ -53,22 +58,29 @@ class ServedDrift:
         with self._lock:
             found = assess_drift(open_project(self._project), self._reporter)
             change = take_proposal(self._data, found, number, by)
-            try:
-                self._reload(by, address)
-            except BeltscapeError:
-                with suppress(BeltscapeError):  # the refusal is the error to report
-                    undo_change(self._data, found.rig_path, by)
-                raise
-            self._audit(change, address)
+            self._take_over(change, found.rig_path, address)
 
     def undo(self, by: str, address: str) -> None:
-        """Put the former rig back, and have the running plant measure with it. BeltscapeError with one line."""
+        """Put the former rig back, and have the running plant measure with it from the next record on.
+
+        Raises
+        ------
+        BeltscapeError
+            With one line; then the taken rig is in its place.
+        """
         with self._lock:
             project = open_project(self._project)
-            change = undo_change(self._data, project.resolve(project.settings.rig), by)
-            self._audit(change, address)
-            self._reload(by, address)
+            rig_path = project.resolve(project.settings.rig)
+            self._take_over(undo_change(self._data, rig_path, by), rig_path, address)
 
-    def _audit(self, change: RigChange, address: str) -> None:
-        detail: Mapping[str, str | int] = change.detail
-        self._access.audit.write(f"rig {change.action}", change.by, address, detail)
+    def _take_over(self, change: RigChange, rig_path: Path, address: str) -> None:
+        """Reload and audit a change of the rig's file; withdraw it where the running plant refuses it."""
+        try:
+            self._reload(change.by, address)
+        except BeltscapeError as error:
+            try:
+                withdraw_change(self._data, rig_path, change)
+            except BeltscapeError as fault:
+                raise InputError(f"{error}; {fault}") from fault
+            raise InputError(f"{error}; the rig stays as it was") from error
+        self._access.audit.write(f"rig {change.action}", change.by, address, change.detail)

@@ -45,6 +45,16 @@ def test_a_board_that_shows_late_is_found_in_any_print(tmp_path, how):
     assert {name: len(views) for name, views in detections.views.items() if views} == {"cam06": 2, "cam07": 2}
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("how", PRINTS)
+@pytest.mark.parametrize("seen_by", [1, 20])
+def test_a_board_in_the_last_tenth_before_twenty_cameras_is_found(tmp_path, how, seen_by):
+    capture = write_recording(tmp_path, BOARD, Print(how.legacy, how.inverted), 20, seen_by)
+    detections, variant = detect_board(capture, BOARD, Silent())
+    assert variant == how
+    assert sum(len(views) for views in detections.views.values()) == 2 * seen_by
+
+
 def test_a_print_that_is_not_the_stated_one_is_named_however_late_it_shows(tmp_path):
     stated = BOARD.model_copy(update={"legacy": False, "inverted": False})
     capture = write_recording(tmp_path, stated, Print(legacy=True, inverted=True), cameras=6)

@@ -12,11 +12,11 @@ from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.reference.view import project
 from tests.kernels.grids import STRAIGHT, WIDTHS, project_grid, surface, view_of_seed
-from tests.kernels.rounding import first_alike
+from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 
-every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+every_level = pytest.mark.parametrize("level", (*levels(), *emulated()))
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 widths = st.sampled_from(WIDTHS)
 
 

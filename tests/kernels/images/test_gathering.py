@@ -11,10 +11,11 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS
+from tests.kernels.rounding import emulated
 from tests.strategies import seeds
 
-every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+every_level = pytest.mark.parametrize("level", (*levels(), *emulated()))
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 sizes = st.sampled_from(WIDTHS)
 
 

@@ -82,3 +82,18 @@ def test_what_does_not_fit_is_refused(name, change, message):
     }  # fmt: skip
     with pytest.raises(KernelError, match=message):
         load(name).pass_messages(**(fits | change))
+
+
+@pytest.mark.parametrize("name", emulated())
+@given(seeds, st.integers(1, 3))
+def test_rounds_on_the_device_are_those_call_by_call(name, seed, count):
+    rng = np.random.default_rng(seed)
+    length, own, pixels = rng.integers(1, 6), rng.integers(1, 4), 40
+    states = [rng.normal(size=pixels).astype(np.float32) for _ in range(length + own)]
+    senders = rng.integers(0, pixels + 2, (3, pixels)).astype(np.int32)
+    inputs = 3 * (length + 2) + own
+    sizes = [length + own] * (count - 1) + [2]
+    rounds = [[rng.normal(0, 0.3, (n, inputs + 1)).astype(np.float32)] for n in sizes]
+    given_ = states, senders, rounds
+    found = load(name).run_resident(lambda kernels: np.asarray(kernels.exchange_messages(*given_)))
+    assert found.tobytes() == load(first_alike(name)).exchange_messages(*given_).tobytes()

@@ -14,12 +14,12 @@ from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.selection import CANDIDATES
 from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
-from tests.kernels.rounding import first_alike
+from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 from tests.thorough import examples
 
-every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+every_level = pytest.mark.parametrize("level", (*levels(), *emulated()))
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 sizes = st.sampled_from(WIDTHS)
 
 
@@ -88,7 +88,7 @@ def test_native_photo_consistency_agrees_with_the_reference(level, seed, height,
 @given(seeds, sizes, st.integers(1, 4))
 def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width, threads):
     there, given_ = field(seed, 37, width, 2500), cameras(seed, 37, width, 3)
-    for level in levels():
+    for level in (*levels(), *emulated()):
         first = load(first_alike(level))
         planes = first.candidate_surfaces(**there, reach=6, separation=1.0, threads=1)
         like = first.photo_consistency(there["u"], there["v"], *planes[:3], **given_, threads=1)

@@ -13,12 +13,12 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
-from tests.kernels.rounding import first_alike
+from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 from tests.thorough import examples
 
-every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+every_level = pytest.mark.parametrize("level", (*levels(), *emulated()))
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 
 OFFSETS = np.array([(2, 0), (-2, 0), (0, 3), (0, -3), (4, 4), (-4, -4), (60, -1)])
 
@@ -94,7 +94,7 @@ def test_threads_and_levels_do_not_change_a_byte(partly):
     given_ = scene(1, 280, 150, 4)
     if partly:
         given_["active"] = blobs(1, 280, 150)
-    for level in levels():
+    for level in (*levels(), *emulated()):
         results = [
             b"".join(field.tobytes() for field in load(name).propagate(**given_, threads=threads))
             for name in (level, first_alike(level))

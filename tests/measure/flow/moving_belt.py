@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
@@ -96,6 +97,13 @@ def depth_map(
         np.full(depth.shape, 4, np.uint8),
         ones,
     )
+
+
+def add_standing_errors(depth: DepthMap, sigma_mm: float, reach_px: float = 3.0) -> DepthMap:
+    """Add errors that every frame has at the same pixels, as matching has below a static pattern."""
+    errors = ndimage.gaussian_filter(np.random.default_rng(77).normal(size=depth.depth_mm.shape), reach_px)
+    errors *= sigma_mm / errors.std()
+    return replace(depth, depth_mm=(depth.depth_mm + errors).astype(np.float32))
 
 
 @lru_cache

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from beltscape.core.height_map import HeightMap, coarsen
 from beltscape.measure.belt.reference import Layer
+from beltscape.measure.flow import rows
 from beltscape.measure.flow.fuse import fuse
-from beltscape.measure.flow.rows import BeltPiece, RowFiller
+from beltscape.measure.flow.rows import BeltPicture, BeltPiece, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from tests.measure.flow.moving_belt import make_empty_belt
+
+GROUND = make_empty_belt()
 
 
 def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
@@ -70,3 +75,44 @@ def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> N
         counted, [*range(120), *range(len(before) + gap + 6, len(before) + gap + 126)]
     )
     np.testing.assert_allclose(np.concatenate([row.area_mm2 for row in rows]), full, rtol=1e-6)
+
+
+def add_pieces(picture: BeltPicture, seed: int = 0, pieces: int = 4) -> BeltPicture:
+    """Add random pieces of 37 rows, from a negative row on."""
+    rng, columns = np.random.default_rng(seed), GROUND.grid.shape[1]
+    for first in range(-50, -50 + 37 * pieces, 37):
+        height = rng.normal(50, 10, (37, columns)).astype(np.float32)
+        sigma = rng.uniform(0.1, 1, height.shape).astype(np.float32)
+        picture.add(BeltPiece(first, height, sigma, rng.uniform(size=height.shape) < 0.8))
+    return picture
+
+
+def compare_maps(
+    one: tuple[HeightMap, NDArray[np.float64]], two: tuple[HeightMap, NDArray[np.float64]]
+) -> None:
+    for name in ("height_mm", "sigma_mm"):
+        np.testing.assert_allclose(getattr(one[0], name), getattr(two[0], name), rtol=1e-12)
+    np.testing.assert_allclose(one[1], two[1], rtol=1e-12)
+    assert one[0].origin_mm == pytest.approx(two[0].origin_mm)
+    assert one[0].cell_mm == pytest.approx(two[0].cell_mm)
+
+
+def test_the_picture_has_the_finest_cells_until_there_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = add_pieces(BeltPicture(GROUND)).height_map()
+    assert fine[0].cell_mm == GROUND.cell_mm
+    monkeypatch.setattr(rows, "PICTURE_CELL_MM", 3 * GROUND.cell_mm)
+    monkeypatch.setattr(rows, "_MOST_CELLS", fine[0].height_mm.size // 7)
+    picture = add_pieces(BeltPicture(GROUND))
+    assert not picture.is_shortened
+    compare_maps(picture.height_map(), add_pieces(BeltPicture(GROUND, 4 * GROUND.cell_mm)).height_map())
+    monkeypatch.setattr(rows, "_MOST_CELLS", fine[0].height_mm.size // 40)
+    shortened = add_pieces(BeltPicture(GROUND))
+    assert shortened.is_shortened
+    assert shortened.cell_mm == picture.cell_mm
+
+
+@pytest.mark.parametrize("side", [2, 3, 5])
+def test_cells_of_a_fine_picture_average_to_those_of_a_coarse_one(side: int) -> None:
+    fine = add_pieces(BeltPicture(GROUND)).height_map()
+    coarse = add_pieces(BeltPicture(GROUND, side * GROUND.cell_mm)).height_map()
+    compare_maps(coarsen(*fine, side * GROUND.cell_mm), coarse)

@@ -25,6 +25,7 @@ from tests.service.access.sample_app import CHEAP, PASSWORD
 from tests.sinks.ledgers import ledger
 
 SETTINGS = HistorySettings(reserve_mib=1)
+RIGS = "changes.json", f"{'a1' * 32}.json"
 PROJECT = """rig = "rig.json"
 empty = "empty/belt.json"
 [capture]
@@ -67,6 +68,9 @@ def plant(tmp_path: Path) -> Iterator[Plant]:
     (data / "days").mkdir(exist_ok=True)
     (data / "days" / "half.parquet.part").write_bytes(b"half")
     (data / "encoder.json").write_text("{}")
+    (data / "rigs").mkdir()  # the rigs that a drift replaced
+    for name in RIGS:
+        (data / "rigs" / name).write_text(f"this is {name}")
     yield Plant(project, data, historian, certificate)
     historian.close()
 
@@ -105,6 +109,8 @@ def test_a_backup_of_a_plant_in_use_is_restored_on_an_empty_machine(
     assert plant.certificate.read_text() == "this is site.pem"
     files = list_files(tmp_path / "new")
     assert {"project.toml", "rig.json", "empty/belt.json", "site.key", "data/encoder.json"} <= files
+    for name in RIGS:
+        assert (tmp_path / "new" / "data" / "rigs" / name).read_text() == f"this is {name}"
     assert not [
         name for name in files if "recordings" in name or name.endswith((".part", ".lock", "reserve"))
     ]

@@ -3,49 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from beltscape.core.errors import InputError
 from beltscape.service.app import create_app
+from tests.service.fake_drift import FakeDrift
 from tests.service.plants import ServiceParts, make_service
-
-
-class FakeDrift:
-    """A rig whose camera cam2 has moved, until the proposal is taken."""
-
-    def __init__(self) -> None:
-        self.calls: list[tuple[object, ...]] = []
-        self.changes: list[dict[str, Any]] = []
-        self.fault = ""
-
-    def read(self) -> dict[str, Any]:
-        self._refuse()
-        moved = not self.changes or self.changes[-1]["action"] == "undone"
-        last = {"volume_percent": -1.25, "volume_sigma_percent": 0.25}
-        return {
-            "reference_ns": 5, "estimates": [last] if moved else [], "newest": 7 if moved else None,
-            "moved": "cam2" if moved else None, "has_proposal": moved, "needs_new_belt": False,
-            "is_significant": moved, "change_litres": -50.0 if moved else None,
-            "change_sigma_litres": 10.0 if moved else None, "changes": self.changes,
-        }  # fmt: skip
-
-    def render(self, language: str) -> str:
-        return f"<html lang={language}>cam2</html>"
-
-    def take(self, number: int, by: str, address: str) -> None:
-        self._refuse()
-        self.calls.append(("take", number, by, address))
-        self.changes.append({"action": "taken"})
-
-    def undo(self, by: str, address: str) -> None:
-        self.calls.append(("undo", by, address))
-        self.changes.append({"action": "undone"})
-
-    def _refuse(self) -> None:
-        if self.fault:
-            raise InputError(self.fault)
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -81,12 +82,12 @@ class Site:
     def stop(self) -> None:
         self.server.close()
 
-    def restart(self) -> None:
+    def restart(self, **more: Any) -> None:
         parts = self.works
         port = int(self.address.rsplit(":", 1)[1])
         again = parts.settings.model_copy(update={"port": port})
         self.server = serve(
-            create_app(parts.live_state, parts.history, parts.access, parts.plant, again), again
+            create_app(parts.live_state, parts.history, parts.access, parts.plant, again, **more), again
         )
 
     def close(self) -> None:

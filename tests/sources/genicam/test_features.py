@@ -120,3 +120,26 @@ def test_a_missing_feature_names_the_setting():
         InputError, match=r"cam0: the camera has no feature Counter9; correct encoder\.feature"
     ):
         Features(LIB, "cam0", Notebook()).require_feature("Counter9", "encoder.feature")
+
+
+@pytest.mark.parametrize(
+    ("missing", "setting", "named"),
+    [
+        ("is_exposure_time_available", {"exposure_us": 500}, "no feature for its exposure time; leave exposure_us"),
+        ("is_gain_available", {"gain_db": 3}, "no feature for its gain; leave gain_db"),
+    ],
+)  # fmt: skip
+def test_a_missing_control_is_named_with_the_setting_that_asks_for_it(missing, setting, named):
+    camera = Notebook()
+    setattr(camera, missing, lambda: False)
+    with pytest.raises(InputError, match=named):
+        apply(camera, **setting)
+    assert apply(camera)  # nothing asks for it
+
+
+def test_what_the_camera_states_is_read_back():
+    camera = Notebook()
+    setattr(camera, "get_exposure_time", lambda: 498.7)  # noqa: B010
+    setattr(camera, "is_gain_available", lambda: False)  # noqa: B010
+    applied = Features(LIB, "cam0", camera).read_back()
+    assert (applied.exposure_us, applied.gain_db) == (498.7, None)

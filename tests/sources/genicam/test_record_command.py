@@ -49,6 +49,7 @@ def test_shots_and_a_sequence(fake_network, tmp_path, capsys):
         [(int(read_image(path)[0, 0]) - 40) // 20 for path in files.values()]
         for files in shots.files.values()
     ]
+    assert all(0 <= number < 8 for number in numbers[0]), "these are the pictures that are sent"
     assert numbers[0] == numbers[1], "all images of a shot are of one instant"
     positions = [one.belt_position_mm for one in read_encoder(tmp_path / "sequence" / "encoder.csv")]
     assert positions == sorted(positions)

@@ -33,10 +33,18 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     for one in cameras:
         if one["trouble"]:
             reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
-    check = (
+    checked = (
         {} if settings is None else {name: device.check_settings(name, settings) for name in settings.devices}
     )
-    return {"cameras": cameras, "check": check}
+    return {
+        "cameras": cameras,
+        "check": {name: one.trouble for name, one in checked.items()},
+        "applied": {
+            name: {"exposure_us": one.exposure_us, "gain_db": one.gain_db}
+            for name, one in checked.items()
+            if not one.trouble
+        },
+    }
 
 
 def summary(result: Mapping[str, Any]) -> str:
@@ -53,5 +61,16 @@ def summary(result: Mapping[str, Any]) -> str:
         lines.append(
             "no camera answers; check power and cables, and that the network card has an address in the same network"
         )
-    lines += [f"{name:<28} {trouble or 'fits'}" for name, trouble in result["check"].items()]
+    lines += [
+        f"{name:<28} {trouble or _describe_applied(result['applied'][name])}"
+        for name, trouble in result["check"].items()
+    ]
     return "\n".join(lines)
+
+
+def _describe_applied(applied: Mapping[str, float | None]) -> str:
+    """Return that a camera accepts its settings, with what it says of exposure time and gain."""
+    exposure, gain = applied["exposure_us"], applied["gain_db"]
+    found = [] if exposure is None else [f"exposure {exposure:g} µs"]
+    found += [] if gain is None else [f"gain {gain:g} dB"]
+    return ", ".join(["fits", *found])

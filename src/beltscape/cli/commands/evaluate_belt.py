@@ -21,10 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare the fused belt's loaded cells with their true heights."""
     from beltscape.evaluate.belt_ceiling import MovingCeiling, read_moving_scene
-    from beltscape.evaluate.belt_scores import read_true_belt, score_belt
+    from beltscape.evaluate.belt_scores import CELL_MM, read_true_belt, score_belt
     from beltscape.files.fused_belt import read_fused_belt
 
-    fused = read_fused_belt(arguments.flow)
+    fused = read_fused_belt(arguments.flow).coarsen(CELL_MM)
     truth, scene = read_true_belt(arguments.truth), read_moving_scene(arguments.truth)
     score = score_belt(fused, truth, None if scene is None else MovingCeiling(scene))
     reporter.step("comparing the belt", 1, 1)

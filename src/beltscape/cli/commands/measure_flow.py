@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from beltscape.measure.flow.density import Density
 
 _MISSING_DIRECTION = "?"
-BELT_CELL_MM = 4.0
-"""Default of ``--belt-cell``, as in `BeltPicture`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--cell", type=float, metavar="MM", help="edge of a grid cell (default: one pixel)")
     parser.add_argument(
-        "--belt-cell", type=float, metavar="MM", help=f"edge of a cell of belt.tiff ({BELT_CELL_MM:g})"
+        "--belt-cell",
+        type=float,
+        metavar="MM",
+        help="edge of a cell of belt.tiff (default: one pixel; a long belt's up to 4)",
     )
     add_output_folder(parser, "folder for flow.csv, flow.json, report.html", required=True)
 
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         raise SettingsError("--direction: give +y or -y, along or against the belt frame's y axis")
     require_plausible("--frames-per-s", arguments.frames_per_s, FRAME_RATE)
     require_plausible("--load", arguments.load, LOAD_HEIGHT)
-    belt_cell = require_plausible("--belt-cell", arguments.belt_cell, CELL) or BELT_CELL_MM
+    require_plausible("--belt-cell", arguments.belt_cell, CELL)
     chosen = make_settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
     density = _density(arguments)
     ensure_output_folder(arguments.out)
@@ -88,7 +89,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         settings=chosen,
         preset=arguments.preset,
         load_mm=arguments.load,
-        belt_cell_mm=belt_cell,
+        belt_cell_mm=arguments.belt_cell,
     )
     warnings = getattr(reporter, "warnings", ())
     measured_by = describe_measured_by(arguments.rig, arguments.empty)

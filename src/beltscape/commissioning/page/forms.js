@@ -1,12 +1,15 @@
 // The forms of the steps: what the engineer answers. Each field is a key of the settings.
 import { get } from "../page/script/api.js";
 import { $, create_element } from "../page/script/dom.js";
+import { store } from "../page/script/store.js";
 import { t } from "../page/script/texts.js";
+import { act, render_steps } from "./steps.js";
 
 const FIELDS = {
   images: [["exposure_us", "number"], ["gain_db", "number"]],
   trigger: [["instants", "number"]],
   board: [["board.file", "text"], ["board.squares.0", "number"], ["board.squares.1", "number"], ["board.square_mm", "number"], ["board.marker_mm", "number"], ["board.dictionary", "text"]],
+  skew: [["instants", "number"], ["belt_mm_s", "number"], ["skew_limit_ms", "number"]],
   calibrate: [["plan", "text"], ["tolerance_mm", "number"]],
   empty: [["seconds", "number"]],
   project: [["plant", "text"], ["load_mm", "number"], ["density_kg_m3", "number"]],
@@ -17,18 +20,32 @@ const FIELDS = {
 const OF_CAMERAS = new Set(["exposure_us", "gain_db", "instants", "seconds"]);
 const SOURCES = ["trial", "captures", "cameras"];
 const DEVICES = 8; // rows of the form; more are given in the terminal
-const RUNS = 6;
+const SPARE_RUNS = 2; // empty ones after those that are there
+const RUN_FIELDS = [["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"], ["capture", "text"], ["begin", "datetime-local"], ["end", "datetime-local"]];
+const NULLABLE = new Set(["file", "capture", "begin", "end"]);
+const MOMENTS = new Set(["begin", "end"]);
 
 const read_path = (settings, path) => path.split(".").reduce((value, key) => value?.[key], settings);
 
-export function create_form(name, { settings }) {
+/** Return a moment as the browser's local time to the second, as its input takes it. */
+function to_local(iso) {
+  if (!iso) return null;
+  const at = new Date(iso);
+  return new Date(at.getTime() - 60_000 * at.getTimezoneOffset()).toISOString().slice(0, 19);
+}
+
+/** Return the moment of an input; the one before, to its millisecond, where it was not changed. */
+const read_moment = (value, before) => (value === to_local(before) ? before : new Date(value).toISOString());
+
+export function create_form(name, state) {
+  const { settings } = state;
   const form = create_element("form", { class: "form", id: "form", on: { submit: (event) => { event.preventDefault(); $("do-run")?.click(); } } });
   if (name === "cameras") form.append(...create_source(settings));
   for (const [path, kind] of FIELDS[name] ?? []) {
     if (OF_CAMERAS.has(path) && settings.source !== "cameras") continue;
     form.append(create_field(path, kind, read_path(settings, path)));
   }
-  if (name === "material") form.append(create_runs(settings));
+  if (name === "material") form.append(create_zero(settings), ...create_runs(settings));
   if (name === "rig") form.append(create_element("label", { class: "choice wide" }, create_element("input", { type: "checkbox", name: "accept_doubts", checked: settings.accept_doubts }), create_element("span", {}, t("commission.field.accept_doubts"))));
   return form;
 }
@@ -87,12 +104,45 @@ async function fill_found(button) {
   button.disabled = false;
 }
 
+/** Return a button that puts the present moment into a field; it is kept by the program at once. */
+const create_stamp = (part, edge) => create_element("button", { type: "button", class: "plain", "data-stamp": `${part} ${edge}`, on: { click: () => stamp(part, edge) } }, t(`commission.${edge}_now`));
+
+async function stamp(part, edge) {
+  const changes = read_form("material", store.state);
+  const { settings } = store.state;
+  if (part === "zero") changes.zero = { ...(changes.zero ?? settings.zero), begin: "now", end: null };
+  else {
+    const runs = structuredClone(changes.runs ?? settings.runs);
+    while (runs.length <= Number(part)) runs.push({});
+    runs[part][edge] = "now";
+    changes.runs = runs;
+  }
+  if (await act("api/commission/settings", { changes })) {
+    render_steps(store.state, true);
+    document.querySelector(`[data-stamp="${part} ${edge}"]`)?.focus();
+  }
+}
+
+function create_zero({ zero }) {
+  const fields = [["revolutions", "number"], ["belt_length_m", "number"], ["capture", "text"]].map(([key, kind]) => create_field(`zero.${key}`, kind, zero[key]));
+  const begin = create_element("label", {}, t("commission.field.begin"), create_element("input", { name: "zero.begin", type: "datetime-local", step: 1, value: to_local(zero.begin) }));
+  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.zero")), create_element("p", { class: "soft" }, t("commission.zero_about")),
+    create_element("div", { class: "form" }, ...fields, begin), create_element("div", { class: "row actions" }, create_stamp("zero", "begin"), create_element("span", { id: "turns", class: "soft", role: "status" })));
+}
+
 function create_runs({ runs }) {
-  const rows = Array.from({ length: Math.max(RUNS, runs.length) }, (_, i) => runs[i] ?? {});
-  const columns = [["capture", "text"], ["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"]];
-  const head = create_element("tr", {}, ...columns.map(([key]) => create_element("th", { scope: "col" }, t(`commission.field.run_${key}`))));
-  const body = rows.map((run, i) => create_element("tr", { "data-run": i }, ...columns.map(([key, kind]) => create_element("td", {}, create_element("input", { type: kind, step: "any", "data-key": key, value: run[key] ?? null, "aria-label": `${t(`commission.field.run_${key}`)} ${i + 1}` })))));
-  return create_element("div", { class: "tableform" }, create_element("table", {}, create_element("thead", {}, head), create_element("tbody", {}, ...body)));
+  const rows = Array.from({ length: runs.length + SPARE_RUNS }, (_, i) => runs[i] ?? {});
+  return rows.map((run, i) => create_element("fieldset", { class: "run", "data-run": i }, create_element("legend", {}, t("commission.run", { number: i + 1 })),
+    create_element("div", { class: "form" }, ...RUN_FIELDS.map(([key, kind]) => create_element("label", {}, t(`commission.field.${MOMENTS.has(key) ? key : `run_${key}`}`), create_element("input", { type: kind, step: kind === "datetime-local" ? 1 : kind === "number" ? "any" : null, "data-key": key, value: (MOMENTS.has(key) ? to_local(run[key]) : run[key]) ?? null, autocomplete: "off" })))),
+    create_element("div", { class: "row actions" }, create_stamp(i, "begin"), create_stamp(i, "end"))));
+}
+
+/** Return what an input holds; null: nothing. */
+function read_input(input, before) {
+  if (input.type === "checkbox") return input.checked;
+  if (input.value.trim() === "") return null;
+  if (input.type === "datetime-local") return read_moment(input.value, before);
+  return input.type === "number" ? Number(input.value) : input.value.trim();
 }
 
 /** Return the settings that the form changes. */
@@ -101,7 +151,7 @@ export function read_form(name, { settings }) {
   for (const input of document.querySelectorAll("#form [name]")) {
     if (input.type === "radio" && !input.checked) continue;
     if (input.closest("[hidden]")) continue;
-    const value = input.type === "checkbox" ? input.checked : input.value.trim() === "" ? null : input.type === "number" ? Number(input.value) : input.value.trim();
+    const value = read_input(input, read_path(settings, input.name));
     const path = input.name.split(".");
     if (value === (read_path(settings, input.name) ?? null)) continue;
     if (value === null && typeof read_path(settings, input.name) === "string" && path.length === 1) { changes[input.name] = input.name === "captures" || input.name === "plan" || input.name === "material_test" ? null : ""; continue; }
@@ -109,7 +159,7 @@ export function read_form(name, { settings }) {
     changes[path[0]] ??= structuredClone(settings[path[0]]);
     let table = changes[path[0]];
     for (const key of path.slice(1, -1)) table = table[key];
-    table[path.at(-1)] = value ?? (typeof table[path.at(-1)] === "string" && path.at(-1) !== "file" ? "" : null);
+    table[path.at(-1)] = value ?? (typeof table[path.at(-1)] === "string" && !NULLABLE.has(path.at(-1)) ? "" : null);
   }
   if (name === "cameras" && changes.source === undefined && settings.source === null) changes.source = document.querySelector("#form input[name=source]:checked").value;
   const source = changes.source ?? settings.source;
@@ -125,7 +175,8 @@ function add_devices(changes, settings) {
 }
 
 function add_runs(changes, settings) {
-  const runs = [...document.querySelectorAll("#form [data-run]")].map((row) => Object.fromEntries([...row.querySelectorAll("input")].filter((input) => input.value.trim()).map((input) => [input.dataset.key, input.type === "number" ? Number(input.value) : input.value.trim()])));
+  const rows = [...document.querySelectorAll("#form [data-run]")];
+  const runs = rows.map((row, i) => Object.fromEntries([...row.querySelectorAll("input")].filter((input) => input.value.trim()).map((input) => [input.dataset.key, read_input(input, settings.runs[i]?.[input.dataset.key])])));
   const given = runs.filter((run) => Object.keys(run).length);
   const known = settings.runs.map((run) => Object.fromEntries(Object.entries(run).filter(([, value]) => value !== null && value !== "")));
   const sort = (list) => JSON.stringify(list.map((run) => Object.entries(run).sort()));

@@ -2,7 +2,7 @@
 import { post } from "../page/script/api.js";
 import { $, create_element, create_icon, set_text, sync_children } from "../page/script/dom.js";
 import { store } from "../page/script/store.js";
-import { t } from "../page/script/texts.js";
+import { format_significant, t } from "../page/script/texts.js";
 import { create_form, read_form } from "./forms.js";
 import { format_facts } from "./facts.js";
 import { render_optics, stop_optics } from "./optics.js";
@@ -97,8 +97,16 @@ function show_step(step, state) {
   sync_children($("step-facts"), facts, ([name, value]) => `${name} ${value}`, ([name, value]) => create_element("div", {}, create_element("dt", {}, name), create_element("dd", {}, value)), () => {});
   sync_children($("step-files"), step.files, (file) => file, (file) => create_element("li", {}, create_element("a", { class: "plain", href: `api/commission/files/${file}`, target: "_blank", rel: "noopener" }, file)), () => {});
   set_text($("step-commands"), [...step.commands, `beltscape commission ${quote(state.folder)} --step ${step.name}`].join("\n"));
+  show_faults(step, state);
+  if (step.name === "material") set_text($("turns"), state.turns === null ? "" : t("commission.turns", { turns: format_significant(state.turns), needed: state.settings.zero.revolutions }));
   if (step.name === "images") render_optics($("step-live"), state);
   if (step.name === "calibrate") render_views($("step-live"), state);
+}
+
+/** Name the cameras that are not well while their pictures are shown. */
+function show_faults(step, { live }) {
+  const faults = ["images", "calibrate"].includes(step.name) ? live.faults : [];
+  sync_children($("live-faults"), faults, ({ camera, text }) => `${camera} ${text}`, ({ camera, key, values, text }) => create_element("li", {}, `${camera}: ${key ? t(`cause.${key}`, values) : text}`), () => {});
 }
 
 const quote = (text) => (/^[\w./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);

@@ -4,35 +4,50 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.backend import Backend
-from beltscape.kernels.cuda import least_squares, networks, sweep
-from beltscape.kernels.cuda.device import DeviceError, GpuDevice, Workspace
+from beltscape.kernels.backend import Backend, gpu_failures
+from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep
+from beltscape.kernels.cuda.device import GpuDevice
+from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
+from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
+from beltscape.kernels.resident import ResidentArray, as_host
 
-Plan = Callable[[Workspace, Any, Sequence[NDArray[Any]]], None]
-"""Uploads a record, launches kernels and downloads the results."""
+Plan = Callable[[Workspace, Any, Sequence[NDArray[Any]]], Sequence[DeviceArray]]
+"""Uploads a record, launches kernels and returns the results; they have the shapes and types of the last argument."""
 
 
 def _has_no_limit(_: Any) -> bool:
     return True
 
 
-_PLANS: dict[str, tuple[Plan, Callable[[Any], bool]]] = {
-    "sweep": (sweep.sweep, sweep.can_sweep),
-    "aggregate": (sweep.aggregate, _has_no_limit),
-    "sweep_and_aggregate": (sweep.sweep_and_aggregate, sweep.can_sweep),
-    "warp": (least_squares.warp, _has_no_limit),
-    "normal_equations": (least_squares.normal_equations, least_squares.can_sum_equations),
-    "local_fit": (least_squares.local_fit, _has_no_limit),
-    "evaluate_network": (networks.evaluate_network, networks.can_evaluate),
-    "pass_messages": (networks.pass_messages, networks.can_evaluate),
-}
-"""Kernel → its plan, and whether an input is within its limits."""
+class _Kernel(NamedTuple):
+    plan: Plan
+    is_within_limits: Callable[[Any], bool] = _has_no_limit
 
-KERNELS = tuple(_PLANS)
+
+_KERNELS: dict[str, _Kernel] = {
+    "sweep": _Kernel(sweep.sweep, sweep.can_sweep),
+    "aggregate": _Kernel(sweep.aggregate),
+    "sweep_and_aggregate": _Kernel(sweep.sweep_and_aggregate, sweep.can_sweep),
+    "spline_coefficients": _Kernel(images.spline_coefficients),
+    "warp": _Kernel(least_squares.warp),
+    "gather": _Kernel(images.gather, images.can_gather),
+    "inverse_depth_buffers": _Kernel(images.inverse_depth_buffers),
+    "visible": _Kernel(images.visible),
+    "normal_equations": _Kernel(least_squares.normal_equations, least_squares.can_sum_equations),
+    "local_fit": _Kernel(least_squares.local_fit),
+    "propagate": _Kernel(selection.propagate, selection.can_select),
+    "candidate_surfaces": _Kernel(selection.candidate_surfaces),
+    "photo_consistency": _Kernel(selection.photo_consistency, selection.can_select),
+    "evaluate_network": _Kernel(networks.evaluate_network, networks.can_evaluate),
+    "pass_messages": _Kernel(networks.pass_messages, networks.can_evaluate),
+    "exchange_messages": _Kernel(networks.exchange_messages, networks.can_exchange),
+}
+
+KERNELS = tuple(_KERNELS)
 """What the device computes; other kernels run on the CPU."""
 
 
@@ -43,6 +58,9 @@ class CudaBackend:
         self.name = device.name
         self.failure: str | None = None
         """Why the device is no longer used."""
+        self.traffic = Traffic()
+        self.resident = ResidentBackend(self, device, native)
+        """The same kernels, whose results stay on the device."""
         self._device = device
         self._native = native
 
@@ -50,17 +68,65 @@ class CudaBackend:
         self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
         """See `beltscape.kernels.backend.Backend`."""
-        plan, is_within_limits = _PLANS.get(kernel, (None, None))
-        if plan and is_within_limits and is_within_limits(given) and self.failure is None:
+        if self.failure is None and (plan := find_plan(kernel, given)):
             try:
-                with self._device.workspace() as work:
-                    plan(work, given, out)
+                with open_workspace(self._device, self.traffic) as work:
+                    for result, array in zip(plan(work, given, out), out, strict=True):
+                        work.download(result, array)
                 return out
             except DeviceError as error:
-                self.failure = str(error)
-                warnings.warn(
-                    f"the GPU is no longer used, the processor takes over: {error}",
-                    RuntimeWarning,
-                    stacklevel=2,
-                )
-        return self._native.run(kernel, given, out, threads)
+                self.give_up(error)
+        return self._native.run(kernel, as_host(given), out, threads)
+
+    def give_up(self, error: DeviceError) -> None:
+        """Note that the device failed, with a warning at the first time."""
+        if self.failure is None:
+            self.failure = str(error)
+            gpu_failures.note(self.failure)
+            warnings.warn(
+                f"the GPU is no longer used, the processor takes over: {error}", RuntimeWarning, stacklevel=3
+            )
+
+
+class ResidentBackend:
+    """Kernels whose results stay on the device until NumPy reads them; a device that fails raises DeviceError."""
+
+    pixels_at_once = 1 << 22
+    """Pixels that a call takes together: a GPU needs many, while a processor's cache holds few."""
+
+    def __init__(self, whole: CudaBackend, device: GpuDevice, native: Backend) -> None:
+        self.name = device.name
+        self._whole = whole
+        self._device = device
+        self._native = native
+
+    def run(
+        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
+    ) -> Sequence[NDArray[Any]]:
+        """See `beltscape.kernels.backend.Backend`; the results are resident arrays."""
+        plan = find_plan(kernel, given)
+        if plan is None:
+            return self._native.run(kernel, as_host(given), out, threads)
+        with open_workspace(self._device, self._whole.traffic) as work:
+            results = plan(work, given, out)
+        return [cast("NDArray[Any]", ResidentArray.from_device(each, self._download)) for each in results]
+
+    def keep(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Return an array that is copied to the device once, at its first use; it becomes read-only."""
+        if isinstance(array, ResidentArray):
+            return array
+        return cast("NDArray[Any]", ResidentArray.from_host(array))
+
+    def give_up(self, error: DeviceError) -> None:
+        """See `CudaBackend.give_up`."""
+        self._whole.give_up(error)
+
+    def _download(self, array: DeviceArray) -> NDArray[Any]:
+        with open_workspace(self._device, self._whole.traffic) as work:
+            return work.download_new(array)
+
+
+def find_plan(kernel: str, given: Any) -> Plan | None:
+    """Return the plan for an input; None where the device lacks the kernel or the input is beyond its limits."""
+    found = _KERNELS.get(kernel)
+    return found.plan if found and found.is_within_limits(given) else None

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
+
+from beltscape.kernels.cuda.memory import DeviceArray, MemoryPool
 
 SHARED_BYTES = 48 << 10
 """Shared memory of a block that every GPU gives; more needs a driver's leave."""
@@ -15,63 +16,46 @@ Size = tuple[int, int, int]
 """Along x, y and z."""
 
 
-class DeviceError(Exception):
-    """The device failed: it is lost, has no memory left, or a kernel went wrong."""
+class GpuDevice(Protocol):
+    """A GPU, or an emulated one. Copies and launches of one stream run in their order; all raise DeviceError."""
 
+    name: str
+    memory: MemoryPool
 
-class DeviceArray(Protocol):
-    """An array in the device's memory."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Elements along each axis."""
+    def open_stream(self) -> Any:
+        """Return a stream for this thread."""
         ...
 
-
-class Workspace(Protocol):
-    """The arrays and launches of one call, in one order; they end with it."""
-
-    def upload(self, array: NDArray[Any]) -> Any:
-        """Return a copy in the device's memory."""
+    def close_stream(self, stream: Any) -> None:
+        """Note that a stream is no longer used; what it was given still runs."""
         ...
 
-    def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> Any:
-        """Return an array of arbitrary values."""
+    def copy_in(self, stream: Any, host: NDArray[Any], array: DeviceArray) -> None:
+        """Copy a contiguous array to the device."""
         ...
 
-    def part(self, array: Any, i: int) -> Any:
-        """Return the i-th part of an array along its first axis, in the same memory."""
+    def copy_out(self, stream: Any, array: DeviceArray, host: NDArray[Any]) -> None:
+        """Copy an array of the device to a contiguous one, and wait for the copy."""
         ...
 
-    def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
+    def launch(
+        self, stream: Any, kernel: str, grid: Size, block: Size, arguments: Sequence[Any], shared_bytes: int
+    ) -> None:
         """Run a kernel of native/cuda by its name.
 
         Arguments are arrays of the device, int and float, just as the kernel declares them: nothing is converted.
         """
         ...
 
-    def download(self, array: Any, out: NDArray[Any]) -> None:
-        """Copy an array to ``out``, once all launches before have ended."""
+    def record(self, stream: Any) -> Any:
+        """Return an event after all that the stream was given."""
         ...
 
-
-class GpuDevice(Protocol):
-    """A GPU, or an emulated one."""
-
-    name: str
-
-    def workspace(self) -> AbstractContextManager[Workspace]:
-        """Return the workspace of one call."""
+    def wait(self, stream: Any, event: Any) -> None:
+        """Let the stream wait for an event of another one."""
         ...
 
 
 def blocks_of(count: int, of: int) -> int:
     """Return how many blocks of ``of`` cover ``count``."""
     return -(-count // of)
-
-
-def download(work: Workspace, array: Any, dtype: DTypeLike) -> NDArray[Any]:
-    """Return an array of the device as a new one."""
-    out = np.empty(array.shape, dtype)
-    work.download(array, out)
-    return out

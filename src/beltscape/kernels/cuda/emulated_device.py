@@ -1,19 +1,18 @@
-"""The emulated GPU: the kernels' own source, compiled for the CPU (native/emulation), in host memory."""
+"""The emulated GPU: the kernels' own source, compiled for the CPU (native/emulation), with memory of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.cuda.device import DeviceError, Size
+from beltscape.kernels.cuda.device import Size
+from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
 
 _MODULE = "beltscape.kernels._emulated"
 _GUARD_BYTES, _GUARD, _POISON = 64, 0xA5, 0xFF
@@ -25,62 +24,102 @@ def is_emulation_built() -> bool:
     return find_spec(_MODULE) is not None
 
 
-class EmulatedDevice:
-    """Runs kernels on the CPU; ``seed`` permutes blocks and threads (0: in the order of their numbers)."""
+class EmulatedMemory:
+    """Memory between guards."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, size: int) -> None:
+        self._all = np.full(size + 2 * _GUARD_BYTES, _GUARD, np.uint8)
+        self.values = self._all[_GUARD_BYTES : _GUARD_BYTES + size]
+
+    @property
+    def address(self) -> int:
+        """Of its first byte."""
+        return int(self.values.ctypes.data)
+
+    @property
+    def is_intact(self) -> bool:
+        """Whether nothing was written past its ends."""
+        return bool(
+            (self._all[:_GUARD_BYTES] == _GUARD).all() and (self._all[-_GUARD_BYTES:] == _GUARD).all()
+        )
+
+    def poison(self) -> None:
+        """Fill it with NaN."""
+        self.values[:] = _POISON
+
+
+class EmulatedDevice:
+    """Runs kernels on the CPU; ``seed`` permutes blocks and threads (0: in the order of their numbers).
+
+    Arrays of the processor are none of the device's: a kernel that is given one, and NumPy that is given one of the
+    device, fail. A kernel that writes past an array's ends is an error. Nothing runs later than it is called.
+    """
+
+    def __init__(self, seed: int = 0, most_bytes: int = MOST_BYTES) -> None:
         if not is_emulation_built():
             raise KernelError("the emulated GPU is not built; run: make dev")
         self.name = "emulated"
+        self.memory = MemoryPool(
+            EmulatedMemory, lambda *_: None, most_bytes, grain=1, prepare=EmulatedMemory.poison
+        )
         self._module = import_module(_MODULE)
         self._seed = seed
-
-    @contextmanager
-    def workspace(self) -> Generator[EmulatedWorkspace]:
-        """See `beltscape.kernels.cuda.device.GpuDevice`."""
-        yield EmulatedWorkspace(self._module, self._seed)
-
-
-class EmulatedWorkspace:
-    """Host arrays between guards; a kernel that writes past an array's ends is an error."""
-
-    def __init__(self, module: ModuleType, seed: int) -> None:
-        self._module = module
-        self._seed = seed
         self._launches = 0
-        self._buffers: list[NDArray[np.uint8]] = []
+        self._open = set[object]()
 
-    def upload(self, array: NDArray[Any]) -> NDArray[Any]:
-        """See `beltscape.kernels.cuda.device.Workspace`."""
-        copy = self.allocate(array.shape, array.dtype)
-        copy[...] = array
-        return copy
+    def open_stream(self) -> Any:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        stream = object()
+        self._open.add(stream)
+        return stream
 
-    def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """See `beltscape.kernels.cuda.device.Workspace`."""
-        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-        buffer = np.full(size + 2 * _GUARD_BYTES, _GUARD, np.uint8)
-        self._buffers.append(buffer)
-        inner = buffer[_GUARD_BYTES : _GUARD_BYTES + size]
-        inner[:] = _POISON
-        return inner.view(dtype).reshape(shape)
+    def close_stream(self, stream: Any) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._open.remove(stream)
 
-    def part(self, array: NDArray[Any], i: int) -> NDArray[Any]:
-        """See `beltscape.kernels.cuda.device.Workspace`."""
-        return array[i]
+    def copy_in(self, stream: Any, host: NDArray[Any], array: DeviceArray) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
+        view_memory(array)[...] = host
 
-    def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
-        """See `beltscape.kernels.cuda.device.Workspace`."""
+    def copy_out(self, stream: Any, array: DeviceArray, host: NDArray[Any]) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
+        host[...] = view_memory(array).reshape(host.shape)
+
+    def launch(
+        self, stream: Any, kernel: str, grid: Size, block: Size, arguments: Sequence[Any], shared_bytes: int
+    ) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
         self._launches += 1
         seed = self._seed and self._seed * 1000 + self._launches
+        arrays = [each for each in arguments if isinstance(each, DeviceArray)]
+        if any(isinstance(each, np.ndarray) for each in arguments):
+            raise TypeError(f"{kernel}: an array of the processor is given to the device")
+        given = [view_memory(each) if isinstance(each, DeviceArray) else each for each in arguments]
         try:
-            getattr(self._module, kernel)(grid, block, shared_bytes, seed, arguments)
+            getattr(self._module, kernel)(grid, block, shared_bytes, seed, given)
         except RuntimeError as error:
             raise DeviceError(f"{kernel}: {error}") from error
-        for buffer in self._buffers:
-            if (buffer[:_GUARD_BYTES] != _GUARD).any() or (buffer[-_GUARD_BYTES:] != _GUARD).any():
-                raise DeviceError(f"{kernel}: a kernel writes past the ends of an array")
+        if not all(each.block.raw.is_intact for each in arrays):
+            raise DeviceError(f"{kernel}: a kernel writes past the ends of an array")
 
-    def download(self, array: NDArray[Any], out: NDArray[Any]) -> None:
-        """See `beltscape.kernels.cuda.device.Workspace`."""
-        out[...] = array
+    def record(self, stream: Any) -> Any:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
+
+    def wait(self, stream: Any, event: Any) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        del event
+        self._require_open(stream)
+
+    def _require_open(self, stream: object) -> None:
+        if stream not in self._open:
+            raise ValueError("the stream was closed before")
+
+
+def view_memory(array: DeviceArray) -> NDArray[Any]:
+    """Return what lies in the emulated memory of an array."""
+    values = array.block.raw.values[array.offset : array.offset + array.nbytes]
+    return values.view(array.dtype).reshape(array.shape)

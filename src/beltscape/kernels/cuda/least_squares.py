@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.cuda.device import Size, Workspace, blocks_of
+from beltscape.kernels.cuda.device import Size, blocks_of
+from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.workspace import Workspace
 
 MOST_VIEWS = 8
 """Views of one surface's normal equations (``kMostFitViews`` of least_squares.cuh)."""
-_TILE = 32, 8, 1
+TILE = 32, 8, 1
 """Threads of a block: a warp along the rows."""
 _TAPS = 16
 """Taps of a window's half at most, with the central one (``kMaxRadius`` + 1)."""
@@ -26,15 +28,14 @@ def can_sum_equations(given: Any) -> bool:
     return len(given.coefficients) <= MOST_VIEWS
 
 
-def warp(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def warp(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.images.WarpingKernels.warp`."""
+    del out
     views, s = work.upload(given.view), work.upload(given.s)
-    value, slope = _warp_view(work, views, 0, given.coefficients, s)
-    work.download(value, out[0])
-    work.download(slope, out[1])
+    return list(_warp_view(work, views, 0, given.coefficients, s))
 
 
-def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.least_squares.NormalEquationsKernels.normal_equations`."""
     padded = _PaddedPlanes(work, given.s.shape, max(given.window, given.residual_window))
     grey, there = padded.plane(), padded.plane()
@@ -51,20 +52,20 @@ def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -
         sums = padded.column_sums(value, given.window)
         settings = given.window, float(given.floor), float(given.noise_variance), float(given.model_variance)
         fields = *core, part, there, value, slope, *sums
-        padded.launch("view_residuals", *settings, *fields, *padded.geometry, work.part(residuals, i))
-        misfit = work.part(work.part(residuals, i), 3)
-        padded.launch_columns(misfit, given.residual_window, work.part(misfits, i), padded.plane())
+        padded.launch("view_residuals", *settings, *fields, *padded.geometry, residuals.part(i))
+        misfit = residuals.part(i).part(3)
+        padded.launch_columns(misfit, given.residual_window, misfits.part(i), padded.plane())
 
     there_sums, _ = padded.column_sums(there, given.residual_window)
     results = [work.allocate(array.shape, array.dtype) for array in out]
     weighed = given.residual_window, float(given.gate), residuals, misfits, count, there_sums
-    work.launch("sum_equations", _grid(given.s.shape), _TILE, *weighed, *padded.geometry, *results)
-    for result, array in zip(results, out, strict=True):
-        work.download(result, array)
+    work.launch("sum_equations", tile_grid(given.s.shape), TILE, *weighed, *padded.geometry, *results)
+    return results
 
 
-def local_fit(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def local_fit(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.least_squares.LocalFitKernels.local_fit`."""
+    del out
     height, width = given.s.shape
     margin = given.windows[-1].radius
     windows = _make_windows(work, given)
@@ -73,15 +74,21 @@ def local_fit(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
     geometry = width, height, margin
     pulled = work.upload(given.information), work.upload(given.pull), s
     work.launch(
-        "make_field", _grid(field.shape[1:]), _TILE, *pulled, float(given.prior_information), *geometry, field
+        "make_field",
+        tile_grid(field.shape[1:]),
+        TILE,
+        *pulled,
+        float(given.prior_information),
+        *geometry,
+        field,
     )
     floats = work.allocate((5, height, width), np.float32)
     window = work.allocate((height, width), np.uint8)
     planes = s, work.upload(given.slope_u), work.upload(given.slope_v)
-    work.launch("fit_planes", _grid(given.s.shape), _TILE, windows, field, *planes, *geometry, floats, window)
-    for i, array in enumerate(out[:5]):
-        work.download(work.part(floats, i), array)
-    work.download(window, out[5])
+    work.launch(
+        "fit_planes", tile_grid(given.s.shape), TILE, windows, field, *planes, *geometry, floats, window
+    )
+    return [*(floats.part(i) for i in range(5)), window]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +112,7 @@ class _PaddedPlanes:
         return self.work.allocate(self.shape, np.float32)
 
     def launch(self, kernel: str, *arguments: Any) -> None:
-        self.work.launch(kernel, _grid(self.shape), _TILE, *arguments)
+        self.work.launch(kernel, tile_grid(self.shape), TILE, *arguments)
 
     def launch_columns(self, plane: Any, radius: int, sums: Any, squares: Any) -> None:
         self.launch("sum_columns", plane, self.shape[1], self.shape[0], radius, sums, squares)
@@ -136,7 +143,7 @@ def _warp_view(
     height, width = s.shape
     image = work.upload(coefficients), coefficients.shape[1], coefficients.shape[0]
     value, slope = (work.allocate((height, width), np.float32) for _ in range(2))
-    work.launch("warp_view", _grid(s.shape), _TILE, views, i, *image, s, width, height, value, slope)
+    work.launch("warp_view", tile_grid(s.shape), TILE, views, i, *image, s, width, height, value, slope)
     return value, slope
 
 
@@ -155,6 +162,6 @@ def _make_windows(work: Workspace, given: Any) -> Any:
     return windows
 
 
-def _grid(shape: Sequence[int]) -> Size:
-    """Return the blocks that cover (rows, columns)."""
-    return blocks_of(shape[1], _TILE[0]), blocks_of(shape[0], _TILE[1]), 1
+def tile_grid(shape: Sequence[int]) -> Size:
+    """Return the blocks of `TILE` that cover (rows, columns)."""
+    return blocks_of(shape[1], TILE[0]), blocks_of(shape[0], TILE[1]), 1

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.cuda.device import SHARED_BYTES, Workspace, blocks_of, download
+from beltscape.kernels.cuda.device import SHARED_BYTES, blocks_of
+from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.workspace import Workspace
 
 MOST_BEST = 8
 """Views that are averaged at most (``kMostBest`` of sweep.cuh)."""
@@ -32,22 +34,24 @@ def can_sweep(given: Any) -> bool:
     return given.best <= MOST_BEST
 
 
-def sweep(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def sweep(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.sweep.PlaneSweepKernels.sweep`."""
-    work.download(_sweep_rows(work, given, given.first_row, len(out[0])), out[0])
+    return [_sweep_rows(work, given, given.first_row, len(out[0]))]
 
 
-def aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.sweep.PlaneSweepKernels.aggregate`: one band without a halo."""
+    del out
     rows = len(given.cost)
-    _aggregate_bands(work, work.upload(given.cost), given, _RowBands(rows, rows, 0), out)
+    return _aggregate_bands(work, work.upload(given.cost), given, _RowBands(rows, rows, 0))
 
 
-def sweep_and_aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> None:
+def sweep_and_aggregate(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.sweep.PlaneSweepKernels.sweep_and_aggregate`; 3 bytes of memory for each cost."""
+    del out
     rows = len(given.core)
     costs = _sweep_rows(work, given, 0, rows)
-    _aggregate_bands(work, costs, given, _RowBands(rows, given.band_rows, given.halo_rows), out)
+    return _aggregate_bands(work, costs, given, _RowBands(rows, given.band_rows, given.halo_rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +137,7 @@ def _position_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDAr
     work.launch("plane_places", grid, block, shifts, count, *planes, positions)
 
     table = np.zeros((count, 6), np.int32)
-    table[:, :4] = download(work, fields, np.int32)
+    table[:, :4] = work.download_new(fields)
     table[[min(image.shape) < _SMALLEST_SPLINE for image in given.images], :4] = 0
     table[:, 5] = (table[:, 2] + 3 + _UNIT - 1) // _UNIT * _UNIT
     units = table[:, 5] // _UNIT * table[:, 3]
@@ -141,10 +145,8 @@ def _position_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDAr
     return positions, table
 
 
-def _aggregate_bands(
-    work: Workspace, costs: Any, given: Any, bands: _RowBands, out: Sequence[NDArray[Any]]
-) -> None:
-    """Aggregate (rows, W, planes) costs along eight directions, and write plane and margin to ``out``."""
+def _aggregate_bands(work: Workspace, costs: DeviceArray, given: Any, bands: _RowBands) -> list[DeviceArray]:
+    """Aggregate (rows, W, planes) costs along eight directions to plane and margin."""
     rows, width, planes = costs.shape
     sums = work.allocate((rows, width, planes), np.uint16)
     path_bytes = 4 * (planes + 2)  # two pixels' planes, as words
@@ -163,5 +165,4 @@ def _aggregate_bands(
     pixels, warps = rows * width, 8
     grid = blocks_of(pixels, warps), 1, 1
     work.launch("select_planes", grid, (_WARP, warps, 1), costs, sums, pixels, planes, index, margin)
-    work.download(index, out[0])
-    work.download(margin, out[1])
+    return [index, margin]

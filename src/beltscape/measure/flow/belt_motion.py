@@ -161,8 +161,8 @@ class BeltMotion:
             )
             return self.last
         placed = self._from_material(observation)
-        if placed is None and observation.uses_encoder:
-            placed = self._from_encoder(observation)
+        if observation.uses_encoder:
+            placed = _select_more_certain(placed, self._from_encoder(observation))
         elif placed is None:
             placed = self._from_increment(observation)
         placed = placed or self._from_speed(observation)
@@ -263,3 +263,15 @@ class BeltMotion:
         position_mm: float, sigma_mm: float, source: Source, observation: MotionObservation
     ) -> BeltPosition:
         return BeltPosition(position_mm, sigma_mm, source, observation.clock, observation.encoder_mm)
+
+
+def _select_more_certain(
+    by_material: BeltPosition | None, by_encoder: BeltPosition | None
+) -> BeltPosition | None:
+    """Return the position with the smaller σ of those that are known.
+
+    A nearly even load shows its motion to millimetres only, a trusted encoder to tenths of one.
+    """
+    if by_material is None or by_encoder is None:
+        return by_material or by_encoder
+    return by_encoder if by_encoder.sigma_mm < by_material.sigma_mm else by_material

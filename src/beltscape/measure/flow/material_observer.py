@@ -17,6 +17,7 @@ from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.location import Observation, PushedFrame, UnconfirmedTravel
 from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.plausibility import (
+    DRAWN_MM,
     LEAST_SUPPORT,
     RollBack,
     differ,
@@ -279,7 +280,8 @@ class MaterialObserver:
         if expected.apart:
             # by the encoder the views do not overlap: then a similar surface is other material
             return is_certain_apart(shift, along, expected.by_speed_mm, self.evidence)
-        if is_belt_surface(key, frame.high_pass, along, expected.along_mm):
+        within = DRAWN_MM if expected.trusted else LEAST_MM
+        if is_belt_surface(key, frame.high_pass, along, expected.along_mm, within_mm=within):
             return False
         step = self._encoder_step_mm(frame)
         if self.check.is_trusted and (step is None or not differ(along, step / self.motion.scale.ratio)):

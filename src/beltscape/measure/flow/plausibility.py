@@ -14,7 +14,7 @@ from beltscape.measure.flow.belt_motion import FASTEST_MM_S, MAX_DISAGREEMENT, B
 from beltscape.measure.flow.encoder_check import LEAST_MM, Contradiction, Kind
 from beltscape.measure.flow.location import PushedFrame
 from beltscape.measure.flow.motion_evidence import LEAST_PAIRS, MotionEvidence
-from beltscape.measure.flow.registration import HighPassHeights, Shift, match_prediction
+from beltscape.measure.flow.registration import NEXT_MM, HighPassHeights, Shift, match_prediction
 
 LEAST_SUPPORT = 0.02
 """Share of the view that two frames' loads must have in common to contradict an encoder: on three simulated heaps
@@ -28,7 +28,10 @@ _CONSTANT_APART = 0.03
 _CONSTANT_SPEED = 0.1
 """Speeds by two matches one after the other that differ by less are not by chance."""
 _LEAST_RELIEF_MM = 2.0
-"""Standing surfaces with less relief are errors of the empty belt's surface, not material that stands still."""
+"""Standing surfaces with less relief along the belt are errors of the empty belt's surface, not material that stands
+still; and less relief matches by chance."""
+DRAWN_MM = NEXT_MM
+"""Up to this shift the correlation of what stands still overlaps with that of what moves: the size of its peak."""
 _UNMATCHED_SUPPORT = 0.05
 """Share of the view that the loads must have in common at the prediction for a low score to count."""
 _LOW_SCORE = 0.4
@@ -93,8 +96,20 @@ def is_certain_apart(
 
 
 def compute_relief_mm(*frames: HighPassHeights) -> float:
-    """Return the least relief of several frames: the standard deviation of their high-pass heights."""
-    return min(float(np.std(one.high_pass_mm[one.load])) if one.load.any() else 0.0 for one in frames)
+    """Return the least relief along the belt of several frames: the standard deviation of their high-pass heights.
+
+    Each line along the belt counts from its own mean: the cross-section of an even load shows no motion.
+    """
+    return min(_compute_relief_mm(one) for one in frames)
+
+
+def _compute_relief_mm(frame: HighPassHeights) -> float:
+    """Return the relief along the belt of one frame; 0 without a load."""
+    cells = frame.load.sum(axis=0)
+    if not cells.any():
+        return 0.0
+    line_mm = frame.high_pass_mm.sum(axis=0) / np.maximum(cells, 1)
+    return float(np.sqrt(np.mean((frame.high_pass_mm - line_mm)[frame.load] ** 2)))
 
 
 def is_repeated(key: HighPassHeights, after: HighPassHeights, shift: Shift) -> bool:
@@ -104,11 +119,23 @@ def is_repeated(key: HighPassHeights, after: HighPassHeights, shift: Shift) -> b
 
 
 def is_belt_surface(
-    key: HighPassHeights, after: HighPassHeights, along_mm: float, expected_mm: float | None
+    key: HighPassHeights,
+    after: HighPassHeights,
+    along_mm: float,
+    expected_mm: float | None,
+    *,
+    within_mm: float = LEAST_MM,
 ) -> bool:
-    """Return whether a standstill against the prediction is that of the empty belt's errors, not of material."""
-    stands = abs(along_mm) <= LEAST_MM and abs(expected_mm or 0.0) > LEAST_MM
-    return stands and compute_relief_mm(key, after) < _LEAST_RELIEF_MM
+    """Return whether a motion short of the expected one is that of errors that stand still, and not the material's.
+
+    Errors of the empty belt and of matching stay where they are in the view, and a low relief does not outweigh them:
+    they show a standstill, or draw the motion towards it where it is within the correlation's peak. Motions up to
+    ``within_mm`` are judged.
+    """
+    is_short = abs(along_mm) < abs(expected_mm or 0.0) - LEAST_MM
+    if not is_short or abs(along_mm) > within_mm:
+        return False
+    return compute_relief_mm(key, after) < _LEAST_RELIEF_MM
 
 
 def is_unmatched(
@@ -125,9 +152,12 @@ def is_unmatched(
     """
     if not (key.has_load and after.has_load):
         return False
+    relief_mm = compute_relief_mm(key, after)
+    if relief_mm < _LEAST_RELIEF_MM:
+        return False  # an even load matches nowhere: what remains along the belt is noise
     if len(usual_scores) >= _LEAST_SCORES:
         usual = float(np.median(usual_scores))
-    elif compute_relief_mm(key, after) >= _ROUGH_MM:
+    elif relief_mm >= _ROUGH_MM:
         usual = _ROUGH_SCORE
     else:
         return False

@@ -373,7 +373,7 @@ class LayerBuffer:
 
 
 PICTURE_CELL_MM = 4.0
-"""Cell of the picture."""
+"""Edge, nearly, of the coarsest cells that the picture takes by itself."""
 _LONGEST_ROWS, _MOST_CELLS = 50_000, 16_000_000
 """Rows and cells kept for the picture, 200 m of belt and 0.5 GB; older ones are dropped, which bounds the memory."""
 
@@ -381,11 +381,15 @@ _LONGEST_ROWS, _MOST_CELLS = 50_000, 16_000_000
 class BeltPicture:
     """Collects finished pieces of belt as means over blocks of cells; very long belts lose their oldest part."""
 
-    def __init__(self, ground: EmptyBeltReference, cell_mm: float = PICTURE_CELL_MM) -> None:
-        """Use blocks of an empty-belt reference's cells, with an edge near ``cell_mm``."""
+    def __init__(self, ground: EmptyBeltReference, cell_mm: float | None = None) -> None:
+        """Use blocks of an empty-belt reference's cells, with an edge near ``cell_mm``.
+
+        By default a block is one cell, and twice as wide when there are too many, up to some `PICTURE_CELL_MM`.
+        """
         self._cell_mm = ground.cell_mm
         self._x_mm = ground.grid.origin_mm[0]
-        self._side = max(1, round(cell_mm / ground.cell_mm))
+        self._side = 1 if cell_mm is None else max(1, round(cell_mm / ground.cell_mm))
+        self._coarsest_mm = PICTURE_CELL_MM if cell_mm is None else 0.0
         self._parts: dict[int, NDArray[np.float64]] = {}
         """For each row of blocks: (4, m) sums of height, of measured cells and of σ, and the number of rows."""
         self.is_shortened = False
@@ -407,9 +411,25 @@ class BeltPicture:
             sums = values.sum(axis=1).reshape(len(planes), -1, self._side).mean(axis=2)
             sums = np.vstack([sums, np.full(sums.shape[1], own.sum())])
             self._parts[int(block)] = self._parts.get(int(block), 0.0) + sums
-            while len(self._parts) > min(_LONGEST_ROWS, _MOST_CELLS // max(sums.shape[1], 1)):
+        while self._is_full():
+            if self.cell_mm < self._coarsest_mm:
+                self._double_blocks()
+            else:
                 del self._parts[next(iter(self._parts))]
                 self.is_shortened = True
+
+    def _is_full(self) -> bool:
+        """Return whether there are more blocks than the picture may hold."""
+        columns = next(iter(self._parts.values())).shape[1]
+        return len(self._parts) > min(_LONGEST_ROWS, _MOST_CELLS // max(columns, 1))
+
+    def _double_blocks(self) -> None:
+        """Join the blocks two by two across and along the belt."""
+        parts, self._parts, self._side = self._parts, {}, 2 * self._side
+        for block, part in parts.items():
+            columns = part.shape[1] // 2
+            joined = part[:, : 2 * columns].reshape(len(part), columns, 2).mean(axis=2)
+            self._parts[block // 2] = self._parts.get(block // 2, 0.0) + joined
 
     def height_map(self) -> tuple[HeightMap, NDArray[np.float64]]:
         """Return heights over the empty belt on x and s, NaN outside all views, and the share of measured cells.

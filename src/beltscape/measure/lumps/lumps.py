@@ -163,6 +163,10 @@ SHARES = (0.1, 0.5, 0.8, 0.9)
 """Mass shares of d10, d50, d80, d90."""
 _RESAMPLES = 300
 """Bootstrap samples of the lumps: σ itself is then known to 4 %."""
+_METHOD_SIGMA = 0.08
+"""σ of d10 to d90, as a share, by the method: outlines, hidden parts and lumps that were missed or joined are wrong
+alike in a whole heap. On the fused belts of six simulated heaps (three to five cameras) the errors are 9.1 % RMS,
+mostly low, at a bootstrap σ of 4.9 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,8 +178,8 @@ class SizeDistribution:
     d_mm: tuple[float, float, float, float]
     """d10, d50, d80, d90; NaN without lumps."""
     d_sigma_mm: tuple[float, float, float, float]
-    """One standard deviation each, from the number of lumps (bootstrap, Efron 1979, 10.1214/aos/1176344552); the
-    top layer's bias is not included."""
+    """One standard deviation each: from the number of lumps (bootstrap, Efron 1979, 10.1214/aos/1176344552), and 8 %
+    of the method; the top layer's bias against the whole load is not included."""
     sieves_mm: NDArray[np.float64]
     """(K,) apertures."""
     passing: NDArray[np.float64]
@@ -195,7 +199,7 @@ def compute_distribution(
         indices = rng.integers(0, len(size_mm), len(size_mm))
         samples.append(compute_passing_sizes(size_mm[indices], mass[indices], SHARES))
     percentiles = compute_passing_sizes(size_mm, mass, SHARES)
-    spread = np.std(samples, axis=0)
+    spread = np.hypot(np.std(samples, axis=0), _METHOD_SIGMA * percentiles)
     return SizeDistribution(
         len(size_mm),
         _as_four_floats(percentiles),

@@ -159,13 +159,15 @@ def draw_ghost(
 ) -> dict[str, list[list[float]]]:
     """Return the outline (n, 2) px of the next pose of the board in every camera that would see it.
 
-    Before there is a rig it is one of a few starting poses, in the core camera only.
+    Before there is a rig it is one of a few starting poses, in the core camera only. Until there is a newer score,
+    views after the first are at quarter turns of the next pose: each tilts the board in another direction.
     """
-    outline = _outline_mm(board)
+    outline = outline_mm(board)
     if verdict is not None and verdict.next_pose is not None:
         rig = verdict.rig
+        pose = _turn_quarters(verdict.next_pose, outline.mean(axis=0), max(taken - verdict.views, 0))
         seen = {
-            name: rig.cameras[name].project((rig.cam_from_core[name] @ verdict.next_pose).apply(outline))
+            name: rig.cameras[name].project((rig.cam_from_core[name] @ pose).apply(outline))
             for name in rig.cameras
             if name in sizes_px
         }
@@ -181,7 +183,14 @@ def draw_ghost(
     }
 
 
-def _outline_mm(board: Board) -> Array:
+def _turn_quarters(pose: Pose, middle_mm: Array, quarters: int) -> Pose:
+    """Return a pose turned about the core's optical axis through the board's middle."""
+    turn = rotation_from_vector(np.array([0.0, 0.0, np.pi / 2 * (quarters % 4)]))
+    middle, rotation = pose.apply(middle_mm), turn @ pose.rotation
+    return Pose(rotation, middle - rotation @ middle_mm)
+
+
+def outline_mm(board: Board) -> Array:
     """Return points (n, 3) along the edge of the board's print: a square beyond its outermost corners."""
     points = corner_points_mm(board)
     low, high = points.min(axis=0)[:2] - board.square_mm, points.max(axis=0)[:2] + board.square_mm

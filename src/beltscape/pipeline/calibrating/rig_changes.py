@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.files.atomic import ensure_output_folder, write_bytes
 from beltscape.files.json_text import hash_file, read_json, write_json
 from beltscape.files.rig_json import write_rig
@@ -68,12 +68,12 @@ def take_proposal(
     quality = {**found.proposed.quality, "drift": {"estimate": number, "from_rig": found.digest}}
     write_rig(found.rig_path, replace(found.proposed, quality=quality))
     change = RigChange("taken", found.digest, hash_file(found.rig_path), number, by)
-    _add_to_journal(data, change, now)
+    _keep_change(data, found.rig_path, change, now)
     return change
 
 
 def undo_change(data: Path, rig_path: Path, by: str, now: datetime | None = None) -> RigChange:
-    """Put back the rig that the last taken proposal replaced, byte by byte.
+    """Put back the rig that the last taken proposal replaced, byte by byte; the taken one is kept, too.
 
     Raises
     ------
@@ -90,10 +90,26 @@ def undo_change(data: Path, rig_path: Path, by: str, now: datetime | None = None
     kept = data / FOLDER / f"{last['before']}.json"
     if not kept.is_file() or hash_file(kept) != last["before"]:
         raise InputError(f"{kept}: is missing or damaged; restore it from a backup, or calibrate again")
+    write_bytes(data / FOLDER / f"{last['after']}.json", rig_path.read_bytes())
     write_bytes(rig_path, kept.read_bytes())
     change = RigChange("undone", last["after"], last["before"], int(last["estimate"]), by)
-    _add_to_journal(data, change, now)
+    _keep_change(data, rig_path, change, now)
     return change
+
+
+def withdraw_change(data: Path, rig_path: Path, change: RigChange) -> None:
+    """Put the rig's file and the journal back as they were before the last change, which a running plant refused.
+
+    Raises
+    ------
+    InputError
+        If the rig's file, or the kept one, has changed since.
+    """
+    _require_unchanged(rig_path, change.after)
+    kept = data / FOLDER / f"{change.before}.json"
+    _require_unchanged(kept, change.before)
+    write_bytes(rig_path, kept.read_bytes())
+    write_json(data / FOLDER / JOURNAL, {"changes": read_changes(data)[:-1]})
 
 
 def _require_unchanged(path: Path, digest: str) -> None:
@@ -101,9 +117,14 @@ def _require_unchanged(path: Path, digest: str) -> None:
         raise InputError(f"{path}: has changed meanwhile; read the drift again")
 
 
-def _add_to_journal(data: Path, change: RigChange, now: datetime | None) -> None:
+def _keep_change(data: Path, rig_path: Path, change: RigChange, now: datetime | None) -> None:
+    """Add a change to the journal; put the rig's file back where that cannot be written."""
     at = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     entry = {"at": at, "by": change.by, "action": change.action, **{
         "before": change.before, "after": change.after, "estimate": change.estimate,
     }}  # fmt: skip
-    write_json(data / FOLDER / JOURNAL, {"changes": [*read_changes(data), entry]})
+    try:
+        write_json(data / FOLDER / JOURNAL, {"changes": [*read_changes(data), entry]})
+    except OutputError:
+        write_bytes(rig_path, (data / FOLDER / f"{change.before}.json").read_bytes())
+        raise

@@ -26,10 +26,6 @@ from beltscape.stereo.consistency.drift import (
 )
 from beltscape.stereo.consistency.tie_points import TiePoints
 
-EVERY_S = 60.0
-"""Time between two frames that are used: a window sees other material in each. Chosen."""
-WINDOW_FRAMES = 120
-"""Frames of a window: two hours, over which block medians are known to some 0.01 px."""
 _MOST_WAITING = 24
 """Windows that wait while the history cannot be written; older ones are lost."""
 
@@ -42,12 +38,12 @@ class DriftMonitor:
         rig: Rig,
         digest: str,
         *,
-        every_s: float = EVERY_S,
-        frames: int = WINDOW_FRAMES,
+        every_s: float,
+        frames: int,
         monotonic_s: Callable[[], float] = monotonic,
         wall_ns: Callable[[], int] = time_ns,
     ) -> None:
-        """``digest`` is the SHA-256 of the rig's file."""
+        """``digest`` is the SHA-256 of the rig's file, ``every_s`` the time between two of a window's ``frames``."""
         self._rig, self._digest = rig, digest
         self._every_s, self._frames = every_s, frames
         self._monotonic_s, self._wall_ns = monotonic_s, wall_ns

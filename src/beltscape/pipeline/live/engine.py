@@ -19,6 +19,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
+from beltscape.kernels import gpu_failures
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.drift import store_drift
@@ -435,6 +436,7 @@ class Engine(OperatorControls):
             users_trouble=components.users_trouble(),
             reports_trouble=components.reports_trouble(),
             recording_trouble="" if recorder is None else recorder.trouble,
+            gpu_trouble=gpu_failures.text,
             encoder_silent_s=float("nan") if encoder is None else encoder.silent_s,
             encoder_trouble=None if encoder is None else encoder.trouble,
             certificate_days=components.certificate_days(),

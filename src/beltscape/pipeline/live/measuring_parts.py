@@ -97,7 +97,7 @@ def make_measuring_parts(
         With one line that names the fault and the fix.
     """
     settings, watch = project.settings, project.settings.watch
-    drift = DriftMonitor(scale_to_matching(project, rig), hash_file(project.resolve(settings.rig)))
+    drift = _make_drift_monitor(project, rig)
     context = build_context(project, rig, reporter, data, workers, drift)
     learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
     present = zero.read_zero(path, learned, digest, reporter)
@@ -111,6 +111,18 @@ def make_measuring_parts(
         zero=zero.ZeroControl(learned, settings.health.belt, path, digest),
         full_area_mm2=compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg))),
         stale_s=watch.stale_s,
+    )
+
+
+def _make_drift_monitor(project: Project[RunSettings], rig: Rig) -> DriftMonitor | None:
+    watch = project.settings.watch
+    if not watch.drift_every_s:
+        return None
+    return DriftMonitor(
+        scale_to_matching(project, rig),
+        hash_file(project.resolve(project.settings.rig)),
+        every_s=watch.drift_every_s,
+        frames=watch.drift_frames,
     )
 
 

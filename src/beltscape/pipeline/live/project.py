@@ -35,6 +35,7 @@ from beltscape.production.settings import (
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
+from beltscape.stereo.consistency.drift import LEAST_FRAMES
 from beltscape.stereo.settings import MultiviewSettings, Preset
 
 
@@ -116,6 +117,10 @@ class WatchSettings(_Table):
     """Surcharge angle of a full belt, the reference of the fill level, as in ``measure volume``."""
     stale_s: Annotated[float, Field(ge=0.5, le=600)] = 3.0
     """Time without a measured record after which the present load and flow are unknown to the alarms."""
+    drift_every_s: Annotated[float, Field(ge=0, le=86_400)] = 60.0
+    """Period of the frames from which the drift of the rig is estimated, each with other material; 0: never."""
+    drift_frames: Annotated[int, Field(ge=LEAST_FRAMES, le=10_000)] = 120
+    """Frames of an estimate: two hours, over which the medians of blocks are known to some 0.01 px."""
 
 
 class RunSettings(_Table):

@@ -17,6 +17,7 @@ import numpy as np
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.height_map import coarsen
 from beltscape.core.ledger import QUALITIES, FlowRecord
 from beltscape.core.progress import Reporter
 from beltscape.files.atomic import write_text
@@ -87,14 +88,14 @@ def measure_flow_of_capture(
     settings: FlowSettings | None = None,
     preset: str = "standard",
     load_mm: float | None = None,
-    belt_cell_mm: float = PICTURE_CELL_MM,
+    belt_cell_mm: float | None = None,
 ) -> Flow:
     """Reconstruct a capture of the moving belt frame by frame and measure the flow.
 
     Without ``encoder`` the belt's motion is measured from the material, and the times come from the capture's own
     encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
     range that a few frames show. The rig is scaled to images that are binned or reduced.
-    ``belt_cell_mm`` is the edge of a cell of the picture.
+    ``belt_cell_mm`` is the edge of a cell of the picture, by default a pixel, or up to 4 mm of a long belt.
 
     Raises
     ------
@@ -199,7 +200,8 @@ def write_flow_result(
         "belt_from_core": {"rotation": pose.rotation, "translation_mm": pose.translation_mm},
     }
     write_json(out / "flow.json", {**document, "belt_grid": grid})
-    page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, belt, share)
+    shown, share = coarsen(belt, share, PICTURE_CELL_MM)
+    page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, shown, share)
     write_text(out / "report.html", render_flow_page(page, warnings=warnings))
     return {**document, "flow": out / "flow.csv", "belt": out / "belt.tiff", "report": out / "report.html"}
 

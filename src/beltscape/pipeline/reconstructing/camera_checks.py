@@ -399,6 +399,11 @@ class RigProposals:
         return has_moved or change.shift_sigma_mm < _MORE_PRECISE * last.shift_sigma_mm
 
 
+def explains_by_movement(consistency: RigConsistency) -> bool:
+    """Return whether a plausible movement of one camera explains what contradicts the rig."""
+    return consistency.pose_change is not None and consistency.pose_change.is_plausible
+
+
 def make_proposed_rig(rig: Rig, change: PoseChange) -> Rig:
     """Return the rig after the movement, with the covariance of the moved pose.
 

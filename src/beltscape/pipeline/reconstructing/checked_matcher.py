@@ -27,6 +27,7 @@ from beltscape.pipeline.reconstructing.camera_checks import (
     RigProposals,
     add_systematic_error,
     compute_depth_error_per_px,
+    explains_by_movement,
     select_consistent,
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
@@ -205,7 +206,7 @@ class CheckedMatcher:
         """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked.
 
         ``propose_rig`` receives the rig with the estimated pose of a camera that moved; the matcher does not use it.
-        ``watch_points`` receives the tie points of each checked frame that is sound.
+        ``watch_points`` receives the tie points of each checked frame that is sound, but for a movement of a camera.
         """
         self._watch_points = watch_points or (lambda _: None)
         self.rig = rig
@@ -233,8 +234,7 @@ class CheckedMatcher:
     ) -> DepthMap:
         """Return the depth of a frame, which may be ``pending``; report its faults when they are new."""
         checked = self.measure(frame_set, reporter, pending=pending)
-        if checked.consistency is not None:
-            consistency = checked.consistency
+        if (consistency := checked.consistency) is not None:
             state = consistency.inconsistent, consistency.core_moved, bool(checked.faults)
             if state != self._reported:
                 for line in checked.faults:
@@ -314,9 +314,9 @@ class CheckedMatcher:
             names = consistent
             depth = self._match(names, frame_set, reporter)
             consistency = self._cameras.check(frame_set, depth, usable)
+        if consistency.guided and (consistency.is_sound or explains_by_movement(consistency)):
+            self._watch_points(consistency.tie_points)
         if consistency.is_sound:
-            if consistency.guided:
-                self._watch_points(consistency.tie_points)
             consistency = self._cameras.accumulate(consistency, ahead)
             consistent = tuple(name for name in select_consistent(consistency) if name in usable)
             if consistent and consistent != names:

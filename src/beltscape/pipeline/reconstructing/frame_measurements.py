@@ -152,3 +152,5 @@ class MeasuredDepth:
 
     depth: DepthMap
     measurements: FrameMeasurements | None = None
+    gpu_failure: str = ""
+    """Why the worker no longer uses its GPU; empty: it does, or has none."""

@@ -24,6 +24,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
+from beltscape.kernels import gpu_failures
 from beltscape.pipeline.reconstructing.checked_matcher import (
     CheckedMatcher,
     MonitoredMatcher,
@@ -174,10 +175,10 @@ def match_frame(shared: None, task: MatchTask) -> MeasuredDepth | None:
         frame_set = replace(frame_set, images=images)
     parameters = task.parameters.value
     depth = _get_matcher(parameters, task.auxiliaries).reconstruct(frame_set, Silent())
-    if task.request is None:
-        return MeasuredDepth(depth)
-    measurer = _get_measurer(parameters)
-    return MeasuredDepth(depth, measurer.measure(frame_set, depth, task.request))
+    measured = None
+    if task.request is not None:
+        measured = _get_measurer(parameters).measure(frame_set, depth, task.request)
+    return MeasuredDepth(depth, measured, gpu_failures.text)
 
 
 def _read_images(files: Mapping[str, tuple[Path, int]]) -> dict[str, Image] | None:
@@ -235,6 +236,8 @@ class _PendingFrame:
             end = self.workers.send_images(self.task, self.images).result()
         if end.failure and not end.worker:
             self.workers.report_death(self.task.frame_set.frame, end.failure)
+        if end.value is not None:
+            gpu_failures.note(end.value.gpu_failure)
         return end.value
 
 

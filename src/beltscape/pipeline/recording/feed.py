@@ -13,7 +13,10 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.interfaces import LiveSource
 from beltscape.core.progress import Reporter
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.sinks.recording import CaptureWriter
+from beltscape.files.csv_table import append_rows
+from beltscape.files.times_csv import FILE as TIMES
+from beltscape.files.times_csv import HEADER as TIMES_HEADER
+from beltscape.sinks.recording import CaptureWriter, format_seconds
 from beltscape.sources.encoder.opening import Encoder
 
 QUEUE = 32
@@ -124,10 +127,11 @@ def record_sequence(
     Raises
     ------
     InputError
-        if no images come.
+        if no images come, or none of all cameras; it names the cameras that are not well.
     OSError
         if an image cannot be written.
     """
+    begin_s = time.monotonic()
     written = incomplete = without_position = 0
     for frames in feed.iterate(_SEQUENCE_PATIENCE_S):
         if is_finished(written):
@@ -135,8 +139,12 @@ def record_sequence(
         if frames is None:
             continue
         missing = [name for name in cameras if name not in frames.images]
-        if missing and not written:
-            continue  # cameras start one after another
+        if missing and not written:  # cameras start one after another
+            if time.monotonic() - begin_s > _SEQUENCE_PATIENCE_S:
+                raise InputError(
+                    f"no instant with all cameras for {_SEQUENCE_PATIENCE_S:.0f} s; {feed.describe_cameras()}"
+                )
+            continue
         numbered = replace(frames, frame=f"{written + feed.dropped:05d}")
         if not writer.can_append(numbered):
             reporter.warn(
@@ -144,6 +152,9 @@ def record_sequence(
             )
             continue
         writer.write(numbered)
+        if numbered.position_mm is None and numbered.time_ns is not None:  # else encoder.csv has its time
+            row = f"{numbered.frame},{format_seconds(numbered.time_ns)}\n"
+            append_rows(writer.folder / TIMES, ",".join(TIMES_HEADER), row.encode())
         written += 1
         incomplete += bool(missing)
         without_position += frames.position_mm is None

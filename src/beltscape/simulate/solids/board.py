@@ -37,7 +37,9 @@ def make_board_solid(
     SettingsError
         If the board has OpenCV's legacy arrangement, which is not simulated.
     """
-    texture, texel_mm, margin_mm = _print_texture(board, board.square_mm if margin_mm is None else margin_mm)
+    texture, texel_mm, margin_mm = make_print_texture(
+        board, board.square_mm if margin_mm is None else margin_mm
+    )
     height, width = texture.shape[:2]
     plate = make_box([width * texel_mm, height * texel_mm, thickness_mm])
     columns, rows = board.grid
@@ -61,7 +63,7 @@ def make_board_solid(
 
 
 @lru_cache(maxsize=4)
-def _print_texture(board: SquareBoard, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
+def make_print_texture(board: SquareBoard, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
     """Return (h, w, 3) reflectance of the printed side, the edge of a texel, and the margin in whole texels, mm."""
     legacy, inverted = getattr(board, "legacy", None), getattr(board, "inverted", None)
     if legacy:

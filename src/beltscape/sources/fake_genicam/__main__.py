@@ -83,7 +83,8 @@ def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: f
 def serve_camera(folder: Path, name: str, address: str) -> int:
     """Run one camera in this process."""
     exposure_us = json.loads((folder / "bench.json").read_text())["exposure_us"]
-    camera = FakeCamera(address, name, _picture_function(folder, name), exposure_us)
+    height, width = read_album(folder / f"{name}.npy").shape[1:3]
+    camera = FakeCamera(address, name, _picture_function(folder, name), exposure_us, (width, height))
     print("listening", flush=True)
     sys.stdin.buffer.read()  # returns when the parent process ends, for whatever reason
     camera.close()

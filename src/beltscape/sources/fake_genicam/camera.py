@@ -24,6 +24,8 @@ COUNTER = "TestRegister"
 """The feature in which a simulated camera gives the belt's count: its spare register."""
 COUNTER_ADDRESS = 0x1F0
 """Address of that register in Aravis' fake camera (arvfakecamera.h)."""
+REGION_ADDRESSES = (0x100, 0x104)
+"""Addresses of the width and the height of its images there."""
 LIBRARY = "libaravis-0.8.so.0"
 
 _Fill = ctypes.CFUNCTYPE(
@@ -40,9 +42,11 @@ class FakeCamera:
         serial: str,
         picture: Callable[[int], tuple[Image, int]],
         exposure_us: float | None = None,
+        size_px: tuple[int, int] | None = None,
     ) -> None:
         """``picture``: camera time in ns → the image in its pixel format, and the belt's count.
 
+        ``size_px``: width and height of what it reads from the start; a program may set another region.
         ``exposure_us`` is the exposure time of the images; they are brighter or darker at any other one. None: they
         are sent as they are.
 
@@ -61,6 +65,8 @@ class FakeCamera:
                 f"ip addr add {address}/8 dev lo label lo:{address.rpartition('.')[2]}"
             )
         self._inner = self._lib.arv_gv_fake_camera_get_fake_camera(self._camera)
+        for register, length in zip(REGION_ADDRESSES, size_px or (), strict=False):
+            self._lib.arv_fake_camera_write_register(self._inner, register, length)
         # PyGObject's binding of this one frees the callback at once
         self._lib.arv_fake_camera_set_fill_pattern(self._inner, self._fill, None)
 

@@ -78,15 +78,27 @@ class Features:
     def _apply_exposure(self, exposure_us: float | None, gain_db: float | None) -> None:
         off = self._lib.Auto.OFF
         if exposure_us is not None:
+            self._require_control("exposure time", "exposure_us", self._camera.is_exposure_time_available())
             if self._camera.is_exposure_auto_available():
                 self._camera.set_exposure_time_auto(off)
             self._require_within("exposure_us", exposure_us, self._camera.get_exposure_time_bounds())
             self._camera.set_exposure_time(exposure_us)
         if gain_db is not None:
+            self._require_control("gain", "gain_db", self._camera.is_gain_available())
             if self._camera.is_gain_auto_available():
                 self._camera.set_gain_auto(off)
             self._require_within("gain_db", gain_db, self._camera.get_gain_bounds())
             self._camera.set_gain(gain_db)
+
+    def _require_control(self, what: str, setting: str, is_available: bool) -> None:
+        if not is_available:
+            raise InputError(f"{self._name}: the camera has no feature for its {what}; leave {setting} out")
+
+    def read_back(self) -> AppliedSettings:
+        """Return what the camera says of its exposure time and gain, which it may have rounded."""
+        exposure = self._camera.get_exposure_time() if self._camera.is_exposure_time_available() else None
+        gain = self._camera.get_gain() if self._camera.is_gain_available() else None
+        return AppliedSettings(exposure, gain)
 
     def _require_within(self, setting: str, value: float, bounds: Any) -> None:
         low, high = bounds[0], bounds[1]
@@ -123,6 +135,17 @@ class Features:
             self._camera.gv_set_packet_size(settings.packet_size)
         if settings.packet_delay_ns:
             self._camera.gv_set_packet_delay(settings.packet_delay_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class AppliedSettings:
+    """What a camera says of itself after its settings were set."""
+
+    exposure_us: float | None = None
+    gain_db: float | None = None
+    """None: the camera has no such feature."""
+    trouble: str = ""
+    """The setting that it refuses, in one line; empty: it accepts all."""
 
 
 EXTRA_BYTES = 4096
@@ -186,6 +209,8 @@ class Device:
 
     def _start(self, features: Features, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
         features.apply(settings, size_px)
+        self.applied = features.read_back()
+        """Exposure time and gain as the camera states them."""
         self._parser = self._create_chunk_parser(features)
         self._stream = self._create_stream(settings)
         self._camera.start_acquisition()
@@ -344,14 +369,15 @@ def inspect_camera(device: str) -> Inspection:
 
 def find_unreachable(settings: CamerasSettings) -> str:
     """Return which cameras cannot be opened with their settings now, and why; empty if all can."""
-    troubles = {name: check_settings(name, settings) for name in settings.devices}
+    troubles = {name: check_settings(name, settings).trouble for name in settings.devices}
     return "; ".join(f"{name}: {trouble}" for name, trouble in troubles.items() if trouble)
 
 
-def check_settings(name: str, settings: CamerasSettings) -> str:
-    """Open a camera with its settings; return the setting that it refuses, empty if it accepts all."""
+def check_settings(name: str, settings: CamerasSettings) -> AppliedSettings:
+    """Open a camera with its settings; return the one that it refuses, and what it says of exposure time and gain."""
     try:
-        Device(name, settings, None, has_encoder=False).close()
+        device = Device(name, settings, None, has_encoder=False)
     except InputError as error:
-        return str(error)
-    return ""
+        return AppliedSettings(trouble=str(error))
+    device.close()
+    return device.applied

@@ -120,7 +120,8 @@ class CandidateSelector:
         window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
         uncertain = self.planes["initial confidence"] < UNCERTAIN
         uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
-        return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), _PIXELS)
+        most = self.consistency.prepared.context.kernels.choose_pixels(_PIXELS)
+        return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), most)
 
     def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Floats]]:
         """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""

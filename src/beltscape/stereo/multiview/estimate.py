@@ -43,8 +43,6 @@ OFFSETS = tuple((du, dv) for dv, du in product((-1, 0, 1), repeat=2))
 """Offsets of the pixels whose messages a pixel takes, itself included."""
 _ROUNDS = 3
 """Number of rounds; each has a network of its own."""
-_FLAGS = np.array([[1, 0], [0, 1]], np.float32)
-"""(2, 2) last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,9 +142,13 @@ def mask_accepted(logit: Floats) -> NDArray[np.bool_]:
 
 def _compute_states(
     uncertain: NDArray[np.bool_], addresses: NDArray[np.int32], logit: Floats, inputs: RefinementInputs
-) -> NDArray[np.float32]:
-    """Return the refinement network's (S, N) states of uncertain pixels in the order of their addresses (H, W)."""
+) -> Sequence[NDArray[np.float32]]:
+    """Return the refinement network's S states (N,) of uncertain pixels in the order of their addresses (H, W)."""
     network, context = load_network("refinement"), inputs.context
+    parts = split_pixels(uncertain, context.kernels.choose_pixels(_PIXELS))
+    if len(parts) == 1:
+        features = inputs.compute_features(parts[0], logit[parts[0]])
+        return [state.reshape(-1) for state in network.evaluate(features, context.kernels, context.threads)]
     states = np.empty((len(network.outputs), np.count_nonzero(uncertain)), np.float32)
 
     def compute(part: Pixels) -> None:
@@ -155,8 +157,8 @@ def _compute_states(
         out = [state[None, first : first + len(part[0])] for state in states]
         network.evaluate(features, context.kernels, 1, out)
 
-    run_parallel([partial(compute, part) for part in split_pixels(uncertain, _PIXELS)], context.threads)
-    return states
+    run_parallel([partial(compute, part) for part in parts], context.threads)
+    return list(states)
 
 
 def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -186,41 +188,14 @@ def load_message_rounds() -> tuple[Network, ...]:
 
 
 def pass_messages(
-    states: NDArray[np.float32],
+    states: Sequence[NDArray[np.float32]] | NDArray[np.float32],
     neighbours: NDArray[np.int32],
     rounds: Sequence[Network],
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
-    """Return the (M, N) outputs of the last round, for states (S, N) and the addresses ``neighbours`` (9, N).
-
-    The states are overwritten.
-    """
-    messages, rest = split_states(states, rounds[0])
-    own = messages[: -len(_FLAGS), FIRST_UNCERTAIN:]
-
-    def evaluate(network: Network) -> NDArray[np.float32]:
-        outputs = kernels.pass_messages(messages, neighbours, rest, network.layers, threads=threads)
-        return outputs.astype(np.float32, copy=False)
-
-    *changes, last = rounds
-    for network in changes:
-        change = evaluate(network)
-        updates = (own, change[: len(own)]), (rest, change[len(own) :])
-        run_parallel([partial(np.add, state, update, out=state) for state, update in updates], threads)
-    return evaluate(last)
-
-
-def split_states(
-    states: NDArray[np.float32], network: Network
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the messages (K, 2 + N) of all addresses and the rest (C, N), a view, of states (S, N), for a network.
-
-    The networks of all rounds take messages of the same length.
-    """
-    # every offset gives the message and its flags as features; a pixel's own state gives the rest
-    length = (len(network.features) - len(states) - len(OFFSETS) * len(_FLAGS)) // (len(OFFSETS) - 1)
-    messages = np.empty((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
-    messages[:length, :FIRST_UNCERTAIN], messages[:length, FIRST_UNCERTAIN:] = 0, states[:length]
-    messages[length:, :FIRST_UNCERTAIN], messages[length:, FIRST_UNCERTAIN:] = _FLAGS, 0
-    return messages, states[length:]
+    """Return the (M, N) outputs of the last round, for S states (N,) and the addresses ``neighbours`` (9, N)."""
+    outputs = kernels.exchange_messages(
+        list(states), neighbours, [network.layers for network in rounds], threads=threads
+    )
+    return outputs.astype(np.float32, copy=False)

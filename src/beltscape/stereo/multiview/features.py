@@ -51,7 +51,9 @@ class ImageFeatures(NamedTuple):
 
 def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     """Return the features of the core's image, and where it has texture."""
-    return ImageFeatures(dict(_compare_with_neighbourhood(prepared)), _mask_textured(prepared))
+    keep = prepared.context.kernels.keep
+    planes = {name: keep(plane) for name, plane in _compare_with_neighbourhood(prepared)}
+    return ImageFeatures(planes, _mask_textured(prepared))
 
 
 def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Floats]]:

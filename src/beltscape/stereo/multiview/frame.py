@@ -192,13 +192,11 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
     own_view = pack_projection(rig, rig.core, unit, step, step)
     undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
+    on_grid = tuple(kernels.keep(levels[name]) for name in auxiliaries)
     return PreparedFrame(
-        core=np.asarray(undistorted, np.float32),
-        images=tuple(levels[name] for name in auxiliaries),
-        coefficients=tuple(
-            np.asarray(kernels.spline_coefficients(levels[name], threads=threads), np.float32)
-            for name in auxiliaries
-        ),
+        core=undistorted.astype(np.float32, copy=False),
+        images=on_grid,
+        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in on_grid),
         views=pack_projections(rig, auxiliaries, unit, step),
         noise=noise,
         context=context,
@@ -212,9 +210,9 @@ def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
     valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
     return PreparedFrame(
         core=np.where(valid_share < 1, np.float32(np.nan), core),
-        images=tuple(images),
+        images=(on_grid := tuple(map(context.kernels.keep, images))),
         coefficients=tuple(
-            context.kernels.spline_coefficients(image, threads=context.threads) for image in images
+            context.kernels.spline_coefficients(image, threads=context.threads) for image in on_grid
         ),
         views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
         noise=replace(

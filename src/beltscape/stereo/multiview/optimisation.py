@@ -65,6 +65,7 @@ def solve_least_squares(
     """
     context = prepared.context
     fit = used = information = None
+    surface = surface.keep(context.kernels)
     for tolerance in tolerances:
         information, pull, used = form_normal_equations(
             surface.s, prepared, context.windows.levels_px, prepared.noise.model

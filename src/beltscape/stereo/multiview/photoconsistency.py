@@ -57,7 +57,8 @@ def estimate_gain(
         lambda: compute_difference_variance(prepared.filled_core, prepared.noise),
         prepared.context.threads,
     )
-    return PhotometricGain(gains, variance)
+    keep = prepared.context.kernels.keep
+    return PhotometricGain([keep(gain) for gain in gains], keep(variance))
 
 
 def estimate_gain_maps(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import TypeVar
 
@@ -75,6 +76,17 @@ class MultiviewReconstructor:
         ReconstructionError
             When the core's image or every auxiliary's is missing.
         """
+        return self._kernels.run_resident(
+            lambda kernels: self._use(kernels)._estimate_depth_map(frame_set, reporter)
+        )
+
+    def _use(self, kernels: Kernels) -> MultiviewReconstructor:
+        """Return this matcher with other kernels."""
+        other = copy(self)
+        other._kernels = kernels
+        return other
+
+    def _estimate_depth_map(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         state = self.match(frame_set, names, reporter)
         estimate = estimate_depth(state)

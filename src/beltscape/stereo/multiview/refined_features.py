@@ -168,7 +168,8 @@ class RefinementInputs:
         neighbourhood = Neighbourhood.from_surface(surface.s, confidence, prepared)
         consistency = PhotoConsistencyModel(prepared, selection.gain, inputs.buffers)
         planes = compute_refined_features(inputs, initial_features, confidence, consistency)
-        return cls(planes, surface, consistency, neighbourhood)
+        keep = prepared.context.kernels.keep
+        return cls({name: keep(plane) for name, plane in planes.items()}, surface, consistency, neighbourhood)
 
     @property
     def context(self) -> MatchContext:
@@ -184,7 +185,7 @@ class RefinementInputs:
         features |= self.neighbourhood.compute_image_features(pixels)
         features |= self.neighbourhood.compute_offset_features(pixels, self.surface.s[pixels], slopes)
         features |= self._shifted_consistency(pixels, slopes)
-        return {name: values[None] for name, values in features.items()}
+        return {name: values.reshape(1, -1) for name, values in features.items()}
 
     def _shifted_consistency(self, pixels: Pixels, slopes: tuple[Floats, Floats]) -> dict[str, Floats]:
         """Return (N,) by name: the photo-consistency if the pixels were shifted by `TRIED_PX`."""
@@ -218,7 +219,8 @@ class Neighbourhood:
     def from_surface(cls, s: Floats, initial_confidence: Floats, prepared: PreparedFrame) -> Neighbourhood:
         """Return the neighbourhood in a surface s, its initial confidence (H, W) and the core's levels."""
         log_level = np.log(np.maximum(prepared.filled_core, 0) + np.float32(_DARK))
-        return cls(s, initial_confidence, log_level, prepared.context)
+        keep = prepared.context.kernels.keep
+        return cls(keep(s), keep(initial_confidence), keep(log_level), prepared.context)
 
     @property
     def spacing(self) -> int:
@@ -249,7 +251,7 @@ class Neighbourhood:
 def sample_planes(planes: Mapping[str, Floats], pixels: Pixels, kernels: Kernels) -> dict[str, Floats]:
     """Return (N,) values of planes (H, W) at some pixels, by name."""
     values = kernels.gather(list(planes.values()), pixels[1], pixels[0], _CENTRE, threads=1)
-    return dict(zip(planes, values[:, 0], strict=True))
+    return dict(zip(planes, values.reshape(len(planes), -1), strict=True))
 
 
 @cache

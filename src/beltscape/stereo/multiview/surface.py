@@ -42,6 +42,10 @@ class Surface:
     slope_v: NDArray[np.float32]
     """(H, W) derivative of s along v, per pixel."""
 
+    def keep(self, kernels: Kernels) -> Surface:
+        """Return the surface for several kernels, see `beltscape.kernels.Kernels.keep`."""
+        return Surface(kernels.keep(self.s), kernels.keep(self.slope_u), kernels.keep(self.slope_v))
+
     def replace_where(self, mask: NDArray[np.bool_], other: Surface) -> Surface:
         """Return the other surface inside the mask (H, W) and this one outside."""
         return Surface(
@@ -125,6 +129,7 @@ def compute_visibility(
 
     ``views`` (n, 39) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
     """
+    s = kernels.keep(np.asarray(s))
     buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
     count = np.zeros(s.shape, np.uint8)
     for view, buffer in zip(views, buffers, strict=True):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import BeltFlowMeter
+from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
@@ -80,6 +81,32 @@ def test_run_gives_the_records_of_the_command() -> None:
     offline += chain.finish()
     entries = measured(LedgerState(1, 0, None), sets)
     assert [repr(e.strip) for e in entries] == [repr(r) for r in offline]
+
+
+def test_the_belt_that_the_operator_sees_is_the_fused_one() -> None:
+    """Heights of all frames, holes filled: those that the meter's pieces hold, joined to the section's columns."""
+    sets = [frames(p, p) for p in positions(600, 1800)]
+    context = make_context()
+    pieces: list[BeltPiece] = []
+    meter = BeltFlowMeter(context.empty_belt, context.flow, density=context.density, watch_belt=pieces.append)
+    chain = FlowChain(context.matcher, meter)
+    for one in sets:
+        chain.push(one, Silent(), whole=True)
+    chain.finish()
+    measurement = run(LedgerState(1, 0, None))
+    outcomes = [*(measurement.push(one) for one in sets), measurement.finish()]
+    shown = [stretch for outcome in outcomes for stretch in outcome.stretches]
+    assert len(shown) == len(pieces)
+    for stretch, piece in zip(shown, pieces, strict=True):
+        side = piece.height_mm.shape[1] // len(stretch.x_mm)
+        fused = (
+            piece.height_mm[:, : side * len(stretch.x_mm)]
+            .reshape(len(piece.height_mm), -1, side)
+            .mean(axis=2)
+        )
+        np.testing.assert_allclose(stretch.height_mm, fused, atol=1e-4)
+        assert stretch.start_mm == pytest.approx(piece.first * context.empty_belt.cell_mm)
+    assert sum(len(piece.height_mm) for piece in pieces) * context.empty_belt.cell_mm > 1200
 
 
 def test_frame_without_one_camera_is_degraded_with_the_reason() -> None:

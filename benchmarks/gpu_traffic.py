@@ -1,0 +1,103 @@
+"""What a frame copies between processor and GPU, counted without a GPU: the native kernels, with arrays as on one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.kernels.backend import Backend
+from beltscape.kernels.cuda.backend import ResidentBackend, find_plan
+from beltscape.kernels.cuda.workspace import Traffic
+from beltscape.kernels.networks import exchange_by_rounds
+from beltscape.kernels.resident import ResidentArray, as_host
+
+
+@dataclass(frozen=True)
+class _Held:
+    """An array as the device would hold it."""
+
+    array: NDArray[Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.array.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.array.dtype
+
+    def part(self, i: int) -> _Held:
+        return _Held(self.array[i])
+
+    def reshaped(self, shape: tuple[int, ...]) -> _Held:
+        return _Held(self.array.reshape(shape))
+
+
+class CountingBackend:
+    """Computes on the processor, keeps arrays as `ResidentBackend` does, and counts what that would copy."""
+
+    failure: str | None = None
+    pixels_at_once = ResidentBackend.pixels_at_once
+
+    def __init__(self, native: Backend) -> None:
+        self.name = "counting"
+        self.traffic = Traffic()
+        self.each_call_bytes = 0
+        """What copying every array at every call would move, as a back end without resident arrays does."""
+        self.resident = self
+        self._copies: dict[int, _Held] = {}
+        self._native = native
+
+    def run(
+        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
+    ) -> Sequence[NDArray[Any]]:
+        """See `beltscape.kernels.backend.Backend`."""
+        if find_plan(kernel, given) is None:
+            return self._native.run(kernel, as_host(given), out, threads)
+        self._copies.clear()
+        record = self._read(given)
+        if kernel == "exchange_messages":
+            results = [exchange_by_rounds(Kernels(self._native), record, threads)]
+        else:
+            results = self._native.run(kernel, record, out, threads)
+        self.each_call_bytes += sum(array.nbytes for array in results)
+        return [
+            cast("NDArray[Any]", ResidentArray.from_device(_Held(array), self._download)) for array in results
+        ]
+
+    def keep(self, array: NDArray[Any]) -> NDArray[Any]:
+        """See `beltscape.kernels.cuda.backend.ResidentBackend.keep`."""
+        if isinstance(array, ResidentArray):
+            return array
+        return cast("NDArray[Any]", ResidentArray.from_host(array))
+
+    def _read(self, value: Any) -> Any:
+        """Return a record with arrays for the native kernels, and count those that are copied to the device."""
+        if isinstance(value, ResidentArray):
+            array = value.on_device(self._upload).array
+            self.each_call_bytes += array.nbytes
+            return array
+        if isinstance(value, np.ndarray):
+            self.each_call_bytes += value.nbytes
+            if id(value) not in self._copies:
+                self._copies[id(value)] = self._upload(value)
+            return self._copies[id(value)].array
+        if isinstance(value, list):
+            return [self._read(each) for each in value]
+        if isinstance(value, tuple):
+            parts = map(self._read, value)
+            return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+        return value
+
+    def _upload(self, array: NDArray[Any]) -> _Held:
+        self.traffic.add_upload(array.nbytes)
+        return _Held(array)
+
+    def _download(self, held: _Held) -> NDArray[Any]:
+        self.traffic.add_download(held.array.nbytes)
+        return held.array.copy()

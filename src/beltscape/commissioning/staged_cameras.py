@@ -1,0 +1,180 @@
+"""Cameras that are not there: a folder of captures shown as a carried board, and a simulated board that follows.
+
+Both wait between two frame sets until the last one was looked at, so that a slow machine skips nothing, and time is
+counted in frame sets. The simulated board is carried by a hand that follows the dashed outline of the page: it knows
+where the outline is drawn, and nothing of the calibration.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+
+import cv2
+import numpy as np
+
+from beltscape.calibration.detection.corners import Corners
+from beltscape.calibration.network.resection import fit_board_pose
+from beltscape.core.errors import CalibrationError
+from beltscape.core.events import CameraHealth
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
+from beltscape.files.capture import Capture
+from beltscape.files.images import read_image
+from beltscape.pipeline.calibrating.guidance import draw_ghost, outline_mm
+from beltscape.simulate.board_pictures import BoardPictures
+from beltscape.target.planar_boards import SquareBoard
+
+STILL_FRAMES, MOVING_FRAMES = 3, 1
+"""Frame sets of a view at rest, and of the motion towards it."""
+PERIOD_S = 0.25
+"""Time from one frame set of a carried board to the next: slow enough for the detection of five cameras."""
+_BLUR = 0.04
+"""Length of the motion blur over the image's width."""
+_MOST_HOLDS = 60
+"""Poses after which the hand is tired: three times those that are usually enough."""
+_SWAY_MM, _SWAY_RAD = 45.0, 0.2
+"""σ of how far the hand moves on where the outline stays though the view is not taken."""
+Outlines = Mapping[str, list[list[float]]]
+"""Camera → (n, 2) px, as `draw_ghost` gives them."""
+
+
+class StagedCameras:
+    """Live source without cameras, which waits for whoever looks at it."""
+
+    def __init__(self, cameras: tuple[str, ...]) -> None:
+        self._cameras, self._period_s = cameras, PERIOD_S
+        self._closed = threading.Event()
+        self.is_exhausted = False
+        """True when there is nothing new to show."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return self._cameras
+
+    def follow(self, outlines: Outlines) -> None:
+        """Carry the board to a dashed outline; a recorded one cannot."""
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        raise NotImplementedError
+
+    def health(self) -> Mapping[str, CameraHealth]:
+        """Return that all cameras are well."""
+        rate = 1 / self._period_s if self._period_s else float("nan")
+        return {name: CameraHealth(name, "ok", 0, 0, rate, float("nan"), "") for name in self.cameras}
+
+    def close(self) -> None:
+        """Stop before the next frame set."""
+        self._closed.set()
+
+    def _wait(self) -> bool:
+        """Wait for the next frame set; return whether the source was closed."""
+        return self._closed.wait(self._period_s)
+
+
+class CarriedBoard(StagedCameras):
+    """Shows the views of a recorded capture as if the board were carried about, again and again."""
+
+    def __init__(self, capture: Capture) -> None:
+        super().__init__(capture.cameras)
+        self._capture = capture
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        number = 0
+        while not self._closed.is_set():
+            for frame in self._capture.frames:
+                images = self._read(frame)
+                moving = {name: _blur(image) for name, image in images.items()}
+                for shown in [moving] * MOVING_FRAMES + [images] * STILL_FRAMES:
+                    if self._wait():
+                        return
+                    yield FrameSet(f"{number:06d}", shown, time.monotonic_ns(), recorded=frame)
+                    number += 1
+            self.is_exhausted = True
+
+    def _read(self, frame: str) -> dict[str, Image]:
+        files = self._capture.files
+        return {name: read_image(own[frame]) for name, own in files.items() if frame in own}
+
+
+class SimulatedBoard(StagedCameras):
+    """Shows a board that is carried to the dashed outline, and held there until the outline moves on."""
+
+    def __init__(self, rig: Rig, board: SquareBoard, backgrounds: Mapping[str, Image]) -> None:
+        """``rig`` is the true one; ``backgrounds``: (H, W) uint8 by camera."""
+        super().__init__(tuple(rig.cameras))
+        self._rig, self._board = rig, board
+        self._pictures = BoardPictures(rig, board, backgrounds)
+        self._outline_mm = outline_mm(board)
+        self._rng = np.random.default_rng(0)
+        self._outlines: Outlines = {}
+        self.holds = 0
+        """Poses at which the board was held."""
+        self.shown = 0
+        """Frame sets shown."""
+
+    def follow(self, outlines: Outlines) -> None:
+        """Carry the board to where this outline is drawn, as soon as the view before is done with."""
+        self._outlines = outlines
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        before = self._sway(self._find_pose(self._draw_start()))
+        followed: Outlines = {}
+        while not self._closed.is_set():
+            outlines = self._outlines or self._draw_start()
+            pose = self._find_pose(outlines)
+            if outlines == followed:
+                pose = self._sway(pose)
+            for shown in self._show(before, pose):
+                if self._wait():
+                    return
+                yield FrameSet(f"{self.shown:06d}", shown, time.monotonic_ns())
+                self.shown += 1
+                if self._outlines and self._outlines != outlines:
+                    break  # the view was taken, and the outline is elsewhere
+            before, followed = pose, outlines
+            self.holds += 1
+            self.is_exhausted = self.holds >= _MOST_HOLDS
+
+    def _show(self, before: Pose, pose: Pose) -> Iterator[dict[str, Image]]:
+        """Yield the pictures of the way to a pose, and of the rest there."""
+        for step in range(MOVING_FRAMES):
+            share = (step + 1) / (MOVING_FRAMES + 1)
+            between = Pose(pose.rotation, (1 - share) * before.translation_mm + share * pose.translation_mm)
+            seen = self._pictures.render(between, self.shown)
+            yield {name: _blur(image) for name, image in seen.items()}
+        for _ in range(STILL_FRAMES):
+            yield self._pictures.render(pose, self.shown)
+
+    def _draw_start(self) -> Outlines:
+        sizes = {name: lens.size_px for name, lens in self._rig.cameras.items()}
+        return draw_ghost(self._board, sizes, self._rig.core, None, self.holds)
+
+    def _find_pose(self, outlines: Outlines) -> Pose:
+        """Return where the board fills the outlines; where none fits, that of a starting pose."""
+        numbers = np.arange(len(self._outline_mm))
+        views = {
+            name: Corners(numbers, np.asarray(own, np.float64))
+            for name, own in outlines.items()
+            if name in self._rig.cameras
+        }
+        try:
+            return fit_board_pose(self._rig, views, self._outline_mm)
+        except (CalibrationError, np.linalg.LinAlgError, ValueError):
+            return self._find_pose(self._draw_start())
+
+    def _sway(self, pose: Pose) -> Pose:
+        """Return a pose nearby: what a hand does where the view is known, or the board is too oblique."""
+        turn = rotation_from_vector(self._rng.normal(0.0, _SWAY_RAD, 3))
+        middle = pose.apply(self._outline_mm.mean(axis=0))
+        moved = middle + self._rng.normal(0.0, _SWAY_MM, 3)
+        rotation = turn @ pose.rotation
+        return Pose(rotation, moved - rotation @ self._outline_mm.mean(axis=0))
+
+
+def _blur(image: Image) -> Image:
+    width = max(3, round(_BLUR * image.shape[1]))
+    return np.asarray(cv2.blur(image, (width, 1)), image.dtype)

@@ -1,0 +1,158 @@
+"""Memory of a device: blocks that a pool hands out again, up to a bound, and the arrays in them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import prod
+from threading import Lock
+from typing import Any, Protocol
+
+import numpy as np
+
+MOST_BYTES = 6 << 30
+"""Bound of a pool: a frame of 48 × 36 px takes 591 bytes a pixel (emulated, preset ``standard``), so two frames of
+2448 × 2048 px in flight fit."""
+_GRAIN = 1 << 16
+"""Blocks are multiples of this, so that arrays of nearly one size share them."""
+
+
+class DeviceError(Exception):
+    """The device failed: it is lost, has no memory left, or a kernel went wrong."""
+
+
+class RawMemory(Protocol):
+    """Memory as a device gives it."""
+
+    @property
+    def address(self) -> int:
+        """Of its first byte."""
+        ...
+
+
+class MemoryBlock:
+    """Memory that returns to its pool when nothing refers to it any more."""
+
+    __slots__ = ("_pool", "events", "raw", "size")
+
+    def __init__(self, pool: MemoryPool, raw: Any, size: int, events: dict[int, Any]) -> None:
+        self.raw = raw
+        self.size = size
+        self.events = events
+        """Stream (its ``id``) → the event after its last use of the block, for which other streams wait."""
+        self._pool = pool
+
+    def __del__(self) -> None:
+        self._pool.give_back(self)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceArray:
+    """An array in a block, which the processor cannot read."""
+
+    block: MemoryBlock
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int = 0
+    """Of its first byte in the block."""
+
+    @property
+    def address(self) -> int:
+        """Where it begins in the device's memory."""
+        return int(self.block.raw.address) + self.offset
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Its bytes."""
+        return self.size * self.dtype.itemsize
+
+    def part(self, i: int) -> DeviceArray:
+        """Return the i-th part along the first axis, in the same memory."""
+        size = prod(self.shape[1:]) * self.dtype.itemsize
+        return replace(self, shape=self.shape[1:], offset=self.offset + i % self.shape[0] * size)
+
+    def reshaped(self, shape: tuple[int, ...]) -> DeviceArray:
+        """Return the same elements in another shape, in the same memory."""
+        if prod(shape) != self.size:
+            raise ValueError(f"an array {self.shape} has no shape {shape}")
+        return replace(self, shape=shape)
+
+
+@dataclass
+class MemoryPool:
+    """Free blocks by size. What is in use and what is free together never exceed ``bound`` bytes."""
+
+    allocate: Callable[[int], Any]
+    """Returns memory of a size, or raises DeviceError."""
+    free: Callable[[Any, list[Any]], None]
+    """Frees memory after some events."""
+    bound: int = MOST_BYTES
+    grain: int = _GRAIN
+    prepare: Callable[[Any], None] = lambda _: None
+    """Called with memory before each use."""
+    allocated: int = 0
+    """Bytes that the pool has of the device."""
+    in_use: int = 0
+    peak: int = 0
+    """Most bytes in use so far."""
+    _free: dict[int, list[tuple[Any, dict[int, Any]]]] = field(default_factory=dict)
+    _returned: deque[tuple[Any, int, dict[int, Any]]] = field(default_factory=deque)
+    _lock: Lock = field(default_factory=Lock)
+
+    def take(self, size: int) -> MemoryBlock:
+        """Return a block of at least ``size`` bytes; its events are those to wait for.
+
+        Raises
+        ------
+        DeviceError
+            Where the bound would be exceeded or the device has no memory left.
+        """
+        size = max(self.grain, -(-size // self.grain) * self.grain)
+        with self._lock:
+            self._collect()
+            found = self._free.get(size)
+            raw, events = found.pop() if found else (self._allocate(size), {})
+            self.in_use += size
+            self.peak = max(self.peak, self.in_use)
+        self.prepare(raw)
+        return MemoryBlock(self, raw, size, events)
+
+    def give_back(self, block: MemoryBlock) -> None:
+        """Note that a block is free; called by the garbage collector in any thread, so it takes no lock."""
+        self._returned.append((block.raw, block.size, block.events))
+
+    def trim(self) -> None:
+        """Return all free blocks to the device."""
+        with self._lock:
+            self._collect()
+            self._trim()
+
+    def _collect(self) -> None:
+        while self._returned:
+            raw, size, events = self._returned.popleft()
+            self.in_use -= size
+            self._free.setdefault(size, []).append((raw, events))
+
+    def _allocate(self, size: int) -> Any:
+        if self.allocated + size > self.bound:
+            self._trim()
+        if self.allocated + size > self.bound:
+            raise DeviceError(
+                f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
+            )
+        raw = self.allocate(size)
+        self.allocated += size
+        return raw
+
+    def _trim(self) -> None:
+        for size, blocks in self._free.items():
+            for raw, events in blocks:
+                self.free(raw, list(events.values()))
+                self.allocated -= size
+        self._free.clear()

@@ -1,0 +1,138 @@
+"""The arrays and launches of one call of a kernel, in one stream."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import prod
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.device import GpuDevice, Size
+from beltscape.kernels.cuda.memory import DeviceArray, MemoryBlock
+from beltscape.kernels.resident import ResidentArray
+
+
+@dataclass
+class Traffic:
+    """Copies between the memories of processor and device so far."""
+
+    uploads: int = 0
+    uploaded_bytes: int = 0
+    downloads: int = 0
+    downloaded_bytes: int = 0
+    _lock: Lock = field(default_factory=Lock)
+
+    def add_upload(self, size: int) -> None:
+        """Count a copy to the device."""
+        with self._lock:
+            self.uploads, self.uploaded_bytes = self.uploads + 1, self.uploaded_bytes + size
+
+    def add_download(self, size: int) -> None:
+        """Count a copy to the processor."""
+        with self._lock:
+            self.downloads, self.downloaded_bytes = self.downloads + 1, self.downloaded_bytes + size
+
+    @property
+    def total_bytes(self) -> int:
+        """Both ways."""
+        return self.uploaded_bytes + self.downloaded_bytes
+
+
+class Workspace:
+    """A stream and the arrays of one call; `open_workspace` makes it.
+
+    Every block that is used waits for its last uses in other streams, and afterwards has an event of this stream.
+    """
+
+    def __init__(self, device: GpuDevice, stream: Any, traffic: Traffic) -> None:
+        self._device = device
+        self._stream = stream
+        self._traffic = traffic
+        self._used: dict[int, MemoryBlock] = {}
+        self._copies: dict[int, tuple[NDArray[Any], DeviceArray]] = {}
+        """Arrays of the processor, by their ``id``, with the copies that this call already has."""
+
+    def upload(self, array: NDArray[Any] | ResidentArray) -> DeviceArray:
+        """Return an array of the device: a copy, or the resident array as it is."""
+        if isinstance(array, ResidentArray):
+            return self._use(array.on_device(self._upload_for_all))
+        if id(array) in self._copies:
+            return self._copies[id(array)][1]
+        values = np.ascontiguousarray(array)
+        copy = self.allocate(values.shape, values.dtype)
+        self._device.copy_in(self._stream, values, copy)
+        self._traffic.add_upload(values.nbytes)
+        self._copies[id(array)] = array, copy
+        return copy
+
+    def upload_all(self, arrays: Sequence[NDArray[Any] | ResidentArray]) -> DeviceArray:
+        """Return the addresses (n,) of some arrays on the device."""
+        places = [self.upload(array) for array in arrays]
+        return self.upload(np.array([place.address for place in places], np.uint64))
+
+    def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        """Return an array of arbitrary values."""
+        kind = np.dtype(dtype)
+        block = self._device.memory.take(prod(shape) * kind.itemsize)
+        return self._use(DeviceArray(block, tuple(int(n) for n in shape), kind))
+
+    def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
+        """Run a kernel; see `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._device.launch(self._stream, kernel, grid, block, arguments, shared_bytes)
+
+    def download(self, array: DeviceArray, out: NDArray[Any]) -> None:
+        """Copy an array to ``out``, once all launches before have ended."""
+        into = out if out.flags.c_contiguous else np.empty(out.shape, out.dtype)
+        if into.nbytes != array.nbytes:
+            raise KernelError(f"a result of {array.nbytes} bytes does not fit an array of {into.nbytes}")
+        self._device.copy_out(self._stream, self._use(array), into)
+        self._traffic.add_download(into.nbytes)
+        if into is not out:
+            out[...] = into
+
+    def download_new(self, array: DeviceArray) -> NDArray[Any]:
+        """Return a copy of an array."""
+        out = np.empty(array.shape, array.dtype)
+        self.download(array, out)
+        return out
+
+    def close(self) -> None:
+        """Let the blocks' next users wait for this stream."""
+        event = self._device.record(self._stream)
+        for block in self._used.values():
+            block.events[id(self._stream)] = event
+        self._used.clear()
+        self._copies.clear()
+
+    def _upload_for_all(self, array: NDArray[Any]) -> DeviceArray:
+        """Upload what other streams may use before this call ends: they wait for the copy."""
+        copy = self.upload(array)
+        copy.block.events[id(self._stream)] = self._device.record(self._stream)
+        return copy
+
+    def _use(self, array: DeviceArray) -> DeviceArray:
+        block = array.block
+        if id(block) not in self._used:
+            for stream, event in list(block.events.items()):
+                if stream != id(self._stream):
+                    self._device.wait(self._stream, event)
+            self._used[id(block)] = block
+        return array
+
+
+@contextmanager
+def open_workspace(device: GpuDevice, traffic: Traffic) -> Generator[Workspace]:
+    """Return the workspace of one call on a device; its copies are added to ``traffic``."""
+    stream = device.open_stream()
+    try:
+        work = Workspace(device, stream, traffic)
+        yield work
+        work.close()
+    finally:
+        device.close_stream(stream)

@@ -53,7 +53,7 @@ _MANY_PLANES = 96
 """Number of planes above which coarse matching narrows the range first; that costs a fortieth of a sweep."""
 _NARROWING = 4, 2
 """Factors by which the images of coarse matching are smaller than the sweep's, in the order in which they are tried.
-On 21 of the 22 scenes of `benchmarks/axes.py` with dots 4 finds the range of 2, to 5 planes, at a sixth of its time."""
+On the scenes with dots of `benchmarks/axes.py` 4 finds the range of 2, to 5 planes, at a sixth of its time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,8 @@ def _narrow_range(
 ) -> tuple[float, float]:
     """Return the (far, near) part of ``s_range`` that holds the reliable matches on smaller images than the sweep's.
 
-    It is wider than they are by half the distance of their planes. The result is all of ``s_range`` when there are too
-    few of them.
+    It is wider than they are by half the distance of their planes. The result is all of ``s_range`` when there are
+    too few of them.
     """
     context = prepared.context
     for factor in _NARROWING:
@@ -117,7 +117,9 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     bands = np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int)
     apart = 2 if len(prepared.views) >= _MANY_VIEWS else 1
     jobs = [
-        partial(_compute_squared_residuals, surface.s, prepared, int(first), slice(number % apart, None, apart))
+        partial(
+            _compute_squared_residuals, surface.s, prepared, int(first), slice(number % apart, None, apart)
+        )
         for number, first in enumerate(bands)
     ]
     ratios = np.concatenate([each for band in run_parallel(jobs, prepared.context.threads) for each in band])
@@ -127,10 +129,8 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
 
 
-def _compute_squared_residuals(
-    s: Floats, prepared: PreparedFrame, first: int, views: slice
-) -> list[Floats]:
-    """Return the squared residuals of some views over their expected variance, for the more textured half of a band."""
+def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int, views: slice) -> list[Floats]:
+    """Return the squared residuals of some views over their variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
     core = prepared.filled_core[rows]

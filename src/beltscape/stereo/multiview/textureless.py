@@ -73,9 +73,9 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
             continue
         fit = _fit_quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
-            filled[rows, columns][inside] = True
-            for plane, values in zip((s, slope_u, slope_v), fit, strict=True):
-                plane[rows, columns][inside] = values
+            value, du, dv = fit
+            s[rows, columns][inside], filled[rows, columns][inside] = value[inside], True
+            slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
     return FilledDiscs(Surface(s, slope_u, slope_v), filled)
 
 
@@ -104,20 +104,16 @@ def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
 def _fit_quadratic(
     s: Floats, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Return s and its slopes (N,) at the N pixels ``inside``, from the quadratic through the ring around them.
-
-    None if the ring is not smooth.
-    """
+    """Return s and its slopes from the quadratic through the ring around ``inside``; None if that is not smooth."""
     size = 2 * int(np.ceil(_RING_PX * scale)) + 1
     near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     ring = near & ~any_disc & np.isfinite(s)
     if ring.sum() < _LEAST_RING:
         return None
-    (v, u), (ring_v, ring_u) = (np.array(np.nonzero(part), np.float64) for part in (inside, ring))
-    middle_u, middle_v = u.mean(), v.mean()
-    u, ring_u = ((at - middle_u) / size for at in (u, ring_u))
-    v, ring_v = ((at - middle_v) / size for at in (v, ring_v))
-    ring_terms, target, weight = _compute_terms(ring_u, ring_v), s[ring].astype(np.float64), np.ones(len(ring_u))
+    v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
+    u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    ring_terms, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
     coefficients, spread = np.zeros(6), np.inf
     for _ in range(_ROUNDS):
         weighted = ring_terms * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
@@ -133,10 +129,4 @@ def _fit_quadratic(
         return None
     _, by_u, by_v, by_uu, by_uv, by_vv = coefficients
     du, dv = (by_u + 2 * by_uu * u + by_uv * v) / size, (by_v + by_uv * u + 2 * by_vv * v) / size
-    value = _compute_terms(u, v) @ coefficients
-    return value.astype(np.float32), du.astype(np.float32), dv.astype(np.float32)
-
-
-def _compute_terms(u: Floats, v: Floats) -> NDArray[np.float64]:
-    """Return the terms (N, 6) of a quadratic at the places u, v (N,)."""
-    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    return (terms @ coefficients).astype(np.float32), du.astype(np.float32), dv.astype(np.float32)

@@ -84,6 +84,7 @@ def read_brightness(state: CommissionState) -> float:
         source.close()
 
 
+@pytest.mark.thorough  # a minute: three steps wait for a camera that does not answer
 def test_exposure_is_set_read_back_and_seen_and_an_unplugged_camera_is_named(bench):
     cameras, state = bench
     facts, _ = run(state, "cameras")

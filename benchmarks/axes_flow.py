@@ -19,13 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+import fused_belt
 from axes import PRESETS, SCENES, merge_tables
-from beltscape.core.progress import Silent
 from beltscape.files.json_text import read_json
-from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.measuring.flow import measure_flow_of_capture
-from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
-from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from matching.scenes import ROOT
 from tables import format_cells, format_head
@@ -45,25 +41,21 @@ def render(name: str, cache: Path) -> Path:
     changes = tables["scenes"][name]
     plant = tables["plants"][changes.pop("plant", "paper")]
     folder = cache / name.replace(": ", "_").replace(" ", "_")
-    for part, kind in (("empty", "belt_empty"), ("moving", "belt_moving")):
-        if (folder / part / "preview.png").is_file():  # written last
-            continue
+
+    def make_scenario(kind: str) -> Scenario:
         table = merge_tables(plant, changes) | {"kind": kind, "seed": plant["seed"] + _SEEDS[kind]}
-        table |= {"frames": 1} if kind == "belt_empty" else {"motion": _MOTION}
-        simulate(Scenario.model_validate(table), folder / part, Silent())
+        return Scenario.model_validate(
+            table | ({"frames": 1} if kind == "belt_empty" else {"motion": _MOTION})
+        )
+
+    fused_belt.render(folder, make_scenario)
     return folder
 
 
 def measure(name: str, folder: Path, preset: str) -> str:
     """Return the row of a scene and a preset."""
-    moving, empty = folder / "moving", folder / "empty_reconstruction"
-    rig = read_rig(moving / "truth" / "rig.json")
-    if not (empty / "reconstruction.json").is_file():
-        reconstruct_capture(folder / "empty", rig, empty, Silent())
-    true_mm3 = read_json(moving / "truth" / "belt_moving.json")["heap_volume_mm3"]
-    flow = measure_flow_of_capture(
-        moving, rig, empty, Silent(), encoder=moving / "encoder.csv", preset=preset
-    )
+    true_mm3 = read_json(folder / "moving" / "truth" / "belt_moving.json")["heap_volume_mm3"]
+    flow = fused_belt.measure_flow(folder, preset)
     totals, strips = flow.meter.totals, flow.records
     error, sigma = totals.volume_mm3 / true_mm3 - 1, totals.sigma_mm3 / true_mm3
     full = sum(strip.quality == "measured" for strip in strips)

@@ -31,8 +31,8 @@ from beltscape.measure.flow.rows import PICTURE_CELL_MM, BeltPicture
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.measuring import flow
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
-from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
+from matching.scenes import render_once
 from tables import format_cells, format_head
 
 _HEAD = (
@@ -113,13 +113,8 @@ def match(folder: Path, preset: str) -> tuple[EmptyBeltReference, list[Pushed]]:
         pushed.append(Pushed(depth, time_ns, position_mm, words["frame"]))
         return push(meter, depth, time_ns, position_mm, **words)
 
-    capture, rig = folder / "moving", read_rig(folder / "moving" / "truth" / "rig.json")
-    if not (folder / "empty_rec" / "reconstruction.json").is_file():
-        reconstruct_capture(folder / "empty", rig, folder / "empty_rec", Silent())
     with patch.object(BeltFlowMeter, "push", record):
-        flow.measure_flow_of_capture(
-            capture, rig, folder / "empty_rec", Silent(), encoder=capture / "encoder.csv", preset=preset
-        )
+        measure_flow(folder, preset)
     return meters[0].reference, pushed
 
 
@@ -160,17 +155,26 @@ def score_single_frames(
     }
 
 
-def render(folder: Path, heap: MovingHeap) -> None:
-    """Render the heap and its empty belt where they are not there yet."""
+def render(folder: Path, make_scenario: Callable[[str], Scenario]) -> None:
+    """Render the scenarios of a moving belt and of its empty belt where they are not there yet."""
     for name, kind in (("empty", "belt_empty"), ("moving", "belt_moving")):
-        if not (folder / name / "truth" / "scenario.json").is_file():
-            simulate(heap.make_scenario(kind), folder / name, Silent())
+        render_once(make_scenario(kind), folder / name)
+
+
+def measure_flow(folder: Path, preset: str) -> flow.Flow:
+    """Return the flow of a rendered moving belt, with its encoder, over the empty belt beside it."""
+    capture, rig = folder / "moving", read_rig(folder / "moving" / "truth" / "rig.json")
+    if not (folder / "empty_rec" / "reconstruction.json").is_file():
+        reconstruct_capture(folder / "empty", rig, folder / "empty_rec", Silent())
+    return flow.measure_flow_of_capture(
+        capture, rig, folder / "empty_rec", Silent(), encoder=capture / "encoder.csv", preset=preset
+    )
 
 
 def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     """Return the table's rows of one heap."""
     heap = HEAPS[name]
-    render(folder, heap)
+    render(folder, heap.make_scenario)
     settings = FlowSettings(direction="+y" if heap.speed_mm_s > 0 else "-y")
     reference, frames = match(folder, preset)
     true = folder / "moving" / "truth"

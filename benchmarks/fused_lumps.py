@@ -63,7 +63,7 @@ def score_frames(
 def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     """Return the table's rows of one heap."""
     heap = HEAPS[name]
-    render(folder, heap)
+    render(folder, heap.make_scenario)
     true = folder / "moving" / "truth"
     settings = FlowSettings(direction="+y" if heap.speed_mm_s > 0 else "-y")
     reference, frames = match(folder, preset)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -82,11 +83,20 @@ def measure_load(depth: DepthMap, one: AblationScene) -> Volume | None:
     )
 
 
+def render_once(scenario: Scenario, folder: Path) -> None:
+    """Render a scenario into a folder where it is not there yet; the folder is there only when it is complete."""
+    if folder.is_dir():
+        return
+    part = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    simulate(scenario, part, Silent())
+    part.rename(folder)
+
+
 def read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
     """Return a scene of the simulator, rendered into the folder where it is not there yet."""
     truth = folder / "truth"
-    if not (folder / "preview.png").is_file():
-        simulate(scenario, folder, Silent())
+    render_once(scenario, folder)
     plant = SimulatedScene(scenario.model_copy(update={"kind": "belt_empty"}))
     rig, world_from_core = plant.station.rig, plant.station.core_from_world.inverse()
     kind = scenario.kind

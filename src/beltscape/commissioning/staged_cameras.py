@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 
 import cv2
@@ -41,8 +42,8 @@ Outlines = Mapping[str, list[list[float]]]
 """Camera → (n, 2) px, as `draw_ghost` gives them."""
 
 
-class StagedCameras:
-    """Live source without cameras, which waits for whoever looks at it."""
+class StagedCameras(ABC):
+    """Live source without cameras, which waits until its last frame set was looked at."""
 
     def __init__(self, cameras: tuple[str, ...]) -> None:
         self._cameras, self._period_s = cameras, PERIOD_S
@@ -55,11 +56,13 @@ class StagedCameras:
         """Names of the cameras."""
         return self._cameras
 
+    @abstractmethod
     def follow(self, outlines: Outlines) -> None:
-        """Carry the board to a dashed outline; a recorded one cannot."""
+        """Carry the board to a dashed outline, where it can be carried."""
 
+    @abstractmethod
     def __iter__(self) -> Iterator[FrameSet]:
-        raise NotImplementedError
+        """Yield frame sets until the source is closed."""
 
     def health(self) -> Mapping[str, CameraHealth]:
         """Return that all cameras are well."""
@@ -81,6 +84,9 @@ class CarriedBoard(StagedCameras):
     def __init__(self, capture: Capture) -> None:
         super().__init__(capture.cameras)
         self._capture = capture
+
+    def follow(self, outlines: Outlines) -> None:
+        """Go on with the recorded views; they follow no outline."""
 
     def __iter__(self) -> Iterator[FrameSet]:
         number = 0
@@ -169,10 +175,9 @@ class SimulatedBoard(StagedCameras):
     def _sway(self, pose: Pose) -> Pose:
         """Return a pose nearby: what a hand does where the view is known, or the board is too oblique."""
         turn = rotation_from_vector(self._rng.normal(0.0, _SWAY_RAD, 3))
-        middle = pose.apply(self._outline_mm.mean(axis=0))
-        moved = middle + self._rng.normal(0.0, _SWAY_MM, 3)
-        rotation = turn @ pose.rotation
-        return Pose(rotation, moved - rotation @ self._outline_mm.mean(axis=0))
+        middle = self._outline_mm.mean(axis=0)
+        moved = pose.apply(middle) + self._rng.normal(0.0, _SWAY_MM, 3)
+        return Pose.placing(turn @ pose.rotation, middle, moved)
 
 
 def _blur(image: Image) -> Image:

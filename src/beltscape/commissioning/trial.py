@@ -102,7 +102,7 @@ def swing_board(rig: Rig, board: SquareBoard, time_s: float) -> Pose:
     tilt = np.sin(2 * np.pi * time_s * np.array([0.27, 0.21, 0.16]) + np.array([0.0, 1.6, 0.0]))
     rotation = rotation_from_vector(np.array([0.25, 0.25, 0.1]) * tilt)
     centre = depth * (np.array([0.0, 0.0, 1.0]) + np.array([0.15, 0.1, 0.06]) * away)
-    return Pose(rotation, centre - rotation @ points.mean(axis=0))
+    return Pose.placing(rotation, points.mean(axis=0), centre)
 
 
 def _read_rig_and_board(folder: Path) -> tuple[Rig, SquareBoard]:

@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from pathlib import Path
 from statistics import median
 
 from beltscape.core.errors import InputError
 from beltscape.core.quantities import find_motion_faults, report_oddity
-from beltscape.files.csv_table import parse_csv
-from beltscape.files.images import EXTENSIONS
 from beltscape.files.paths import AnyPath, as_path, read_text
+from beltscape.files.times_csv import HEADER as TIMES_HEADER
+from beltscape.files.times_csv import parse_instants
 
 _LATEST_NS = 4_102_444_800 * 10**9
 """The beginning of 2100; times of day in ms since 1970 are after it when they are read as seconds."""
-HEADER = ("frame", "timestamp_s", "belt_position_mm")
+HEADER = (*TIMES_HEADER, "belt_position_mm")
 LONGEST_ROLL_BACK_MM = 3000.0
 """Longest distance by which a stopped belt rolls back: some metres on a steep belt without a back stop. Chosen."""
 _FEWEST_STEPS = 4
@@ -52,30 +51,15 @@ def read_encoder(path: AnyPath) -> tuple[BeltReading, ...]:
 def parse_encoder(text: str, file: str) -> tuple[BeltReading, ...]:
     """Return the readings in the text of an encoder.csv as `read_encoder`; messages name the ``file``."""
     readings: list[BeltReading] = []
-    lines: dict[str, int] = {}
     farthest, lowest = float("-inf"), 0
-    for line in parse_csv(text, file, HEADER):
-        name = Path(line.values[0])
-        frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
-        time_ns = round(line.parse_number(1, "timestamp_s") * 1e9)
+    for line, frame, time_ns in parse_instants(text, file, HEADER):
         position = line.parse_number(2, "belt_position_mm")
-        if not frame:
-            raise line.error("no frame is named; name the image file")
-        if frame in lines:
-            raise line.error(
-                f"frame {frame} is there twice (also in line {lines[frame]}); remove one of them"
-            )
-        if readings and time_ns <= readings[-1].time_ns:
-            raise line.error(
-                f"timestamp_s {line.values[1]} is not after the row before; sort the rows by time"
-            )
         farthest = max(farthest, position)
         if farthest - position > LONGEST_ROLL_BACK_MM:
             raise line.error(
                 f"belt_position_mm {line.values[2]} is {(farthest - position) / 1000:.1f} m behind the farthest "
                 f"before it, more than a belt rolls back ({LONGEST_ROLL_BACK_MM / 1000:g} m); {_FIX}"
             )
-        lines[frame] = line.number
         readings.append(BeltReading(frame, time_ns, position))
         if position < readings[lowest].belt_position_mm:
             lowest = len(readings) - 1

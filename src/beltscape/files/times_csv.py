@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from beltscape.files.csv_table import parse_csv
+from beltscape.files.csv_table import CsvRow, parse_csv
 from beltscape.files.images import EXTENSIONS
 from beltscape.files.paths import AnyPath, as_path, read_text
 
@@ -13,20 +14,40 @@ HEADER = ("frame", "timestamp_s")
 
 
 def read_times(path: AnyPath) -> dict[str, float]:
-    """Return the time of each frame, s.
+    """Return the time of each frame, s; frame names may have the image file's extension.
 
     Raises
     ------
     InputError
-        When a time is no number or does not follow the one before.
+        When a time is no number or does not follow the one before, or a frame is not named or occurs twice.
     """
-    path, times_s = as_path(path), dict[str, float]()
-    for line in parse_csv(read_text(path), str(path), HEADER):
+    path = as_path(path)
+    return {frame: time_ns * 1e-9 for _, frame, time_ns in parse_instants(read_text(path), str(path), HEADER)}
+
+
+def parse_instants(text: str, file: str, header: Sequence[str]) -> Iterator[tuple[CsvRow, str, int]]:
+    """Yield row, frame and time, ns, of a CSV file whose first columns are `HEADER`; messages name the ``file``.
+
+    Raises
+    ------
+    InputError
+        When a time is no number or does not follow the one before, or a frame is not named or occurs twice.
+    """
+    lines: dict[str, int] = {}
+    latest_ns: int | None = None
+    for line in parse_csv(text, file, header):
         name = Path(line.values[0])
-        time_s = line.parse_number(1, "timestamp_s")
-        if times_s and time_s <= max(times_s.values()):
+        frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
+        time_ns = round(line.parse_number(1, "timestamp_s") * 1e9)
+        if not frame:
+            raise line.error("no frame is named; name the image file")
+        if frame in lines:
+            raise line.error(
+                f"frame {frame} is there twice (also in line {lines[frame]}); remove one of them"
+            )
+        if latest_ns is not None and time_ns <= latest_ns:
             raise line.error(
                 f"timestamp_s {line.values[1]} is not after the row before; sort the rows by time"
             )
-        times_s[name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]] = time_s
-    return times_s
+        lines[frame], latest_ns = line.number, time_ns
+        yield line, frame, time_ns

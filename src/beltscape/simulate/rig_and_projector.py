@@ -170,7 +170,7 @@ def sample_board_poses(
         tilt = Pose.of([angle * np.cos(azimuth), angle * np.sin(azimuth), 0.0], np.zeros(3))
         roll = Pose.of([0.0, 0.0, rng.uniform(-0.6, 0.6) + np.pi / 2 * (i % 4 == 3)], np.zeros(3))
         rotation = facing @ tilt.rotation @ roll.rotation
-        core_from_board = Pose(rotation, center - rotation @ middle)
+        core_from_board = Pose.placing(rotation, middle, center)
         poses.append(station.core_from_world.inverse() @ core_from_board)
     return tuple(poses)
 

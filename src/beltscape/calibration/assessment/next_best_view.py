@@ -113,7 +113,7 @@ def _list_candidates(rig: Rig, corners_mm: Array, distance_mm: float) -> list[tu
         center = np.append((pixel - camera.center_px) / camera.focal_px, 1.0) * depth
         rotation = rotation_from_vector(TILT_RAD * np.array([*turns, 0.0]))
         candidates.append(
-            (Pose(rotation, center - rotation @ middle), _describe_placement(u, v, depth, tilt, rig.core))
+            (Pose.placing(rotation, middle, center), _describe_placement(u, v, depth, tilt, rig.core))
         )
     return candidates
 

@@ -157,7 +157,7 @@ def make_board_turn(board: Board, turn: int) -> Pose:
     center = corner_points_mm(board).mean(axis=0)
     cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn % 4]
     rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float64)
-    return Pose(rotation, center - rotation @ center)
+    return Pose.placing(rotation, center, center)
 
 
 def turn_corners(corners: Corners, board: Board, turn: int) -> Corners:

@@ -60,6 +60,13 @@ class Pose:
         """Return the identity transform."""
         return cls(np.eye(3), np.zeros(3))
 
+    @classmethod
+    def placing(
+        cls, rotation: NDArray[np.float64], point_mm: NDArray[np.float64], place_mm: NDArray[np.float64]
+    ) -> Pose:
+        """Return the pose of a rotation (3, 3) that brings a point (3,) of frame a to a place (3,) of frame b."""
+        return cls(rotation, place_mm - rotation @ point_mm)
+
     def __matmul__(self, other: Pose) -> Pose:
         """Compose: ``a_from_b @ b_from_c`` is ``a_from_c``."""
         require_instance(other, Pose, "the second pose", "bs.Pose.of(rotation, translation_mm)")

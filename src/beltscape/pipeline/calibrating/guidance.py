@@ -186,8 +186,7 @@ def draw_ghost(
 def _turn_quarters(pose: Pose, middle_mm: Array, quarters: int) -> Pose:
     """Return a pose turned about the core's optical axis through the board's middle."""
     turn = rotation_from_vector(np.array([0.0, 0.0, np.pi / 2 * (quarters % 4)]))
-    middle, rotation = pose.apply(middle_mm), turn @ pose.rotation
-    return Pose(rotation, middle - rotation @ middle_mm)
+    return Pose.placing(turn @ pose.rotation, middle_mm, pose.apply(middle_mm))
 
 
 def outline_mm(board: Board) -> Array:
@@ -212,7 +211,7 @@ def _make_start(outline_mm: Array, name: str, size_px: tuple[int, int], taken: i
     middle = (outline_mm.min(axis=0) + outline_mm.max(axis=0)) / 2
     rotation = rotation_from_vector(np.array([about_x, about_y, 0.0]))
     centre = np.array([u * width / focal * depth, v * height / focal * depth, depth])
-    return camera, Pose(rotation, centre - rotation @ middle)
+    return camera, Pose.placing(rotation, middle, centre)
 
 
 def find_moved_camera(

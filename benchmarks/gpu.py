@@ -34,8 +34,6 @@ from gpu_measure import (
 from roofline import Work, measure_frame
 
 _PAGE = Path(__file__).with_name("GPU.md")
-_MOST_BYTES = 16 << 30
-"""Of the GPU's memory: four frames of 2448 × 2048 px in flight need 12 GB."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +173,7 @@ def find_device(name: str) -> GpuDevice | None:
         return None
     if name == "emulated":
         return EmulatedDevice()
-    device = CudaDevice(most_bytes=_MOST_BYTES)
+    device = CudaDevice()
     device.name = f"{device.model}, driver {_driver_version()}"
     return device
 

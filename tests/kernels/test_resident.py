@@ -177,7 +177,7 @@ def test_a_block_is_used_by_another_stream_after_its_last_use():
 
     device, traffic = Ordered(), Traffic()
     with open_workspace(device, traffic) as first:
-        array = ResidentArray.from_device(first.upload(image()), lambda _: image())
+        array = ResidentArray.from_device(first.upload(image()), backend_on(device).resident)
         own = first._stream
     assert not waits
     with open_workspace(device, traffic) as second:
@@ -205,19 +205,37 @@ def same_bytes(one, other) -> bool:
     )
 
 
+def assert_agrees(found, expected) -> None:
+    """Demand depth within 0.001 mm at the same pixels; logarithms and sums may differ in their last digit."""
+    np.testing.assert_array_equal(found.measured, expected.measured)
+    np.testing.assert_allclose(found.depth_mm, expected.depth_mm, rtol=0, atol=0.001)
+    np.testing.assert_allclose(found.sigma_mm, expected.sigma_mm, rtol=1e-4)
+    np.testing.assert_array_equal(found.views, expected.views)
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_a_frame_is_that_of_the_processor_and_can_be_changed(tiny, preset):
+    backend = backend_on(EmulatedDevice(2))
+    found = reconstruct(tiny, Kernels(backend), preset)
+    assert_agrees(found, reconstruct(tiny, load(first_alike("emulated")), preset))
+    for each in (found.depth_mm, found.sigma_mm, found.confidence, found.views):
+        assert type(each) is np.ndarray
+        assert each.flags.writeable
+
+
 def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
     device = EmulatedDevice()
     backend = backend_on(device)
     reconstruct(tiny, Kernels(backend), "standard")
     resident = backend.traffic.total_bytes
-    assert device.memory.peak < 640 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
+    assert device.memory.peak < 720 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
     backend.traffic.__init__()
     rig, frames = tiny
     matcher = MultiviewReconstructor(
         rig, (620, 820), MultiviewSettings.preset("standard"), kernels=Kernels(backend)
     )
     matcher._estimate_depth_map(frames, Silent())  # every call with its own copies
-    assert resident < 0.6 * backend.traffic.total_bytes
+    assert resident < 0.2 * backend.traffic.total_bytes
 
 
 @pytest.mark.parametrize("last", [0, 1, 50, 150])
@@ -242,7 +260,7 @@ def test_a_frame_that_exceeds_the_memory_is_computed_by_the_processor(tiny):
 def test_two_frames_in_flight_are_each_the_same_as_alone(tiny):
     device = EmulatedDevice(3)
     kernels = Kernels(backend_on(device))
-    alone = reconstruct(tiny, load(first_alike("emulated")))
+    alone = reconstruct(tiny, Kernels(backend_on(EmulatedDevice())))
     with ThreadPoolExecutor(2) as pool:
         for found in pool.map(lambda _: reconstruct(tiny, kernels), range(4)):
             assert same_bytes(found, alone)

@@ -79,8 +79,9 @@ class Workspace:
     def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
         """Return an array of arbitrary values."""
         kind = np.dtype(dtype)
-        block = self._device.memory.take(prod(shape) * kind.itemsize)
-        return self._use(DeviceArray(block, tuple(int(n) for n in shape), kind))
+        sizes = tuple(int(n) for n in shape)  # sums of NumPy's integers would overflow
+        block = self._device.memory.take(prod(sizes) * kind.itemsize)
+        return self._use(DeviceArray(block, sizes, kind))
 
     def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
         """Run a kernel; see `beltscape.kernels.cuda.device.GpuDevice`."""

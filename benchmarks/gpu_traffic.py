@@ -15,6 +15,8 @@ from beltscape.kernels.cuda.backend import ResidentBackend, find_plan
 from beltscape.kernels.cuda.workspace import Traffic
 from beltscape.kernels.networks import exchange_by_rounds
 from beltscape.kernels.resident import ResidentArray, as_host
+from matching.operations import OPERATIONS
+from roofline import Work, count_bytes
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class CountingBackend:
         self.each_call_bytes = 0
         """What copying every array at every call would move, as a back end without resident arrays does."""
         self.resident = self
+        self.work: dict[str, Work] = {}
+        """Kernel → its calls, the bytes of its arrays in and out, and its operations."""
         self._copies: dict[int, _Held] = {}
         self._native = native
 
@@ -72,6 +76,11 @@ class CountingBackend:
         else:
             results = self._native.run(kernel, record, out, threads)
         self.each_call_bytes += sum(array.nbytes for array in results)
+        work = self.work.setdefault(kernel, Work())
+        work.calls += 1
+        work.bytes += count_bytes(record, len(record.u) if hasattr(record, "u") else None)
+        work.bytes += count_bytes(list(results))
+        work.operations += OPERATIONS[kernel](record, results)
         held = (_Held(np.ascontiguousarray(array)) for array in results)
         return [cast("NDArray[Any]", ResidentArray.from_device(each, self)) for each in held]
 

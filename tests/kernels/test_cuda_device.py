@@ -61,7 +61,7 @@ def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
     assert memory.allocated == memory.in_use == 0, "a call returns all of its memory"
     assert not gpu.buffers
     assert gpu.streams <= 4, (
-        "one for memory and one for the calls, which come one after the other, and in expressions one within the other"
+        "one for memory, and for calls one after the other or, of expressions, within another"
     )
 
 

@@ -76,9 +76,13 @@ _TRANSFER = """
 ## Transfer between the memories of processor and GPU
 
 A frame's images go up, its depth, σ, confidence and number of views come down. Besides, some bands of rows come down
-for the estimates of noise, and the planes in which textureless discs are looked for. Launches are not recorded as
-graphs: how many pixels are uncertain is known on the processor only after each of three lists of pixels, and sizes of
-launches follow from it.
+for the estimates of noise, and the planes in which textureless discs are looked for. Small arrays such as weights stay
+on the GPU from frame to frame.
+
+A frame has about 1,000 launches (emulated, 5 × 306 × 255 px). They are not recorded as graphs, and each costs some
+Python: one frame at a time will be bound by that and not by the rooflines. How many pixels are uncertain is known on
+the processor only after each of three lists of pixels, and sizes of launches follow from it; where rounds of
+propagation end and whether there are discs is decided on the processor, too.
 """
 
 

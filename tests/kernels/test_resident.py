@@ -228,7 +228,7 @@ def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
     backend = backend_on(device)
     reconstruct(tiny, Kernels(backend), "standard")
     resident = backend.traffic.total_bytes
-    assert device.memory.peak < 720 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
+    assert device.memory.peak < 780 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
     backend.traffic.__init__()
     rig, frames = tiny
     matcher = MultiviewReconstructor(
@@ -265,5 +265,6 @@ def test_two_frames_in_flight_are_each_the_same_as_alone(tiny):
         for found in pool.map(lambda _: reconstruct(tiny, kernels), range(4)):
             assert same_bytes(found, alone)
     gc.collect()
+    device.constants.clear()
     device.memory.trim()
     assert device.memory.in_use == 0

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.constants import ConstantCache
 from beltscape.kernels.cuda.device import Size
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.native import source_folder
@@ -104,6 +105,7 @@ class CudaDevice:
             text = str(error).splitlines()[0]
             raise KernelError(f"there is no usable GPU: {text}; install Nvidia's driver") from error
         self.memory = MemoryPool(self._allocate, self._free, bound)
+        self.constants = ConstantCache()
         self._code = compile_kernels(architecture)
         self._kernels: dict[str, Any] = {}
         self._streams: list[Any] = []

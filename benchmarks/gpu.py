@@ -76,8 +76,8 @@ _TRANSFER = """
 ## Transfer between the memories of processor and GPU
 
 A frame's images go up, its depth, σ, confidence and number of views come down. Besides, some bands of rows come down
-for the estimates of noise, and the planes in which textureless discs are looked for. Small arrays such as weights stay
-on the GPU from frame to frame.
+for the estimates of noise, and the planes in which textureless discs are looked for. Small arrays such as weights
+stay on the GPU from frame to frame.
 
 A frame has about 1,000 launches (emulated, 5 × 306 × 255 px). They are not recorded as graphs, and each costs some
 Python: one frame at a time will be bound by that and not by the rooflines. How many pixels are uncertain is known on

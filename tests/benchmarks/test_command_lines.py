@@ -162,6 +162,16 @@ def test_other_matchers_are_measured_on_the_same_pairs(capture, monkeypatch):
     assert rows[1].disparities in peers.CUDA_DISPARITIES
 
 
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_a_frame_copies_its_images_and_its_depth_and_little_else(capture, preset):
+    measure = importlib.import_module("gpu_measure")
+    problem = measure.read_problem(capture, capture.parent / "rig.json", preset)
+    width, height = problem.rig.core_camera.size_px
+    traffic = measure.count_traffic(problem)
+    images, depth = 4 * len(problem.rig.cameras), 13  # bytes a pixel
+    assert images + depth < (traffic.up + traffic.down) / (width * height) < 4 * (images + depth)
+
+
 class FakeCuda:
     """OpenCV's module for CUDA with SGBM of the processor in the place of its SGM."""
 

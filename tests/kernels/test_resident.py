@@ -14,8 +14,9 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.backend import gpu_failures
 from beltscape.kernels.cuda.backend import CudaBackend
+from beltscape.kernels.cuda.constants import ConstantCache
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
-from beltscape.kernels.cuda.memory import DeviceError, MemoryPool
+from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.cuda.workspace import Traffic, open_workspace
 from beltscape.kernels.native import NativeBackend
 from beltscape.kernels.resident import ResidentArray
@@ -185,6 +186,36 @@ def test_a_block_is_used_by_another_stream_after_its_last_use():
     assert waits == [own]
 
 
+def test_an_array_that_is_given_again_is_not_uploaded_again():
+    backend = backend_on(EmulatedDevice())
+    kernels = Kernels(backend.resident)
+    first, again = (np.asarray(kernels.spline_coefficients(image(seed))) for seed in (1, 1))
+    assert (backend.traffic.uploads, first.tobytes()) == (1, again.tobytes())
+    other = np.asarray(kernels.spline_coefficients(image(2)))
+    assert backend.traffic.uploads == 2
+    np.testing.assert_array_equal(other, load(first_alike("emulated")).spline_coefficients(image(2)))
+
+
+def test_memory_of_a_constant_that_is_dropped_waits_for_all_streams():
+    pool, _ = pool_of(1000)
+    cache = ConstantCache(most=2)
+
+    def upload() -> DeviceArray:
+        return DeviceArray(pool.take(100), (100,), np.dtype(np.uint8))
+
+    arrays = [cache.find(("u", (1,), bytes([i])), upload) for i in range(2)]
+    assert cache.find(("u", (1,), b"\0"), lambda: pytest.fail("it is there")) is arrays[0]
+    cache.note_use(7, "an event")
+    cache.find(("u", (1,), b"\2"), upload)  # drops the one that was not used again
+    assert (arrays[0].block.events, arrays[1].block.events) == ({}, {7: "an event"})
+    del arrays
+    gc.collect()
+    assert pool.take(100).events == {7: "an event"}
+    cache.clear()
+    gc.collect()
+    assert pool.take(100).events == {7: "an event"}
+
+
 @pytest.fixture(scope="module")
 def tiny():
     rig, solids = make_ring((0, 180), size_px=(48, 36)), (plane(760), patch(680, (-120, 120), (-100, 100)))
@@ -235,7 +266,7 @@ def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
         rig, (620, 820), MultiviewSettings.preset("standard"), kernels=Kernels(backend)
     )
     matcher._estimate_depth_map(frames, Silent())  # every call with its own copies
-    assert resident < 0.2 * backend.traffic.total_bytes
+    assert resident < 0.3 * backend.traffic.total_bytes
 
 
 @pytest.mark.parametrize("last", [0, 1, 50, 150])

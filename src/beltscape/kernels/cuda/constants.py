@@ -1,7 +1,7 @@
 """Small arrays that every frame gives to kernels again: weights, programs, layouts, tables of addresses.
 
-They stay on the device and are found again by their content, so that a frame like the one before uploads none of them.
-Addresses are among them because the pool of `memory` hands the same blocks out in the same order.
+They stay on the device and are found again by their content: a frame like the one before uploads none. Addresses are among
+them because the pool of `memory` hands the same blocks out in the same order.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Key = tuple[str, tuple[int, ...], bytes]
 class ConstantCache:
     """The arrays that were used last, for all streams of a device.
 
-    They are only read, so that their users need not wait for each other: only for the upload. An array that is
-    dropped may still be read by launches before; the next user of its memory waits for the last event of every stream.
+    They are only read, so that their users need not wait for each other: only for the upload. One that is dropped may
+    still be read by launches before; the next user of its memory waits for the last event of every stream.
     """
 
     def __init__(self, most: int = _MOST_ARRAYS) -> None:

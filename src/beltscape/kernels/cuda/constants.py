@@ -1,7 +1,7 @@
 """Small arrays that every frame gives to kernels again: weights, programs, layouts, tables of addresses.
 
-They stay on the device and are found again by their content: a frame like the one before uploads none. Addresses are among
-them because the pool of `memory` hands the same blocks out in the same order.
+They stay on the device and are found again by their content: a frame like the one before uploads none. Addresses are
+among them because the pool of `memory` hands the same blocks out in the same order.
 """
 
 from __future__ import annotations

@@ -106,7 +106,8 @@ class ViewDesign:
 PRINT_STRETCH = 3e-3
 """One standard deviation of the stretch of a print in one direction and of its shear: laser printers have 1e-3 to
 5e-3. Without it a stretch counts as an error of every corner by itself, half of it stays in the pixels' aspect ratio,
-and focal lengths in x and y are off by 0.1 % where the board is never turned on its side."""
+and focal lengths in x and y are off by 0.1 % where the board is never turned on its side. One camera alone does not
+tell the two apart: of a webcam with twelve corners a view, the lens holds out at 0.07 px with it, at 0.06 without."""
 GAUGE = 1e8
 """Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
 
@@ -327,7 +328,7 @@ class Bundle:
         """Return the information (3P, 3P) of the corners' places: each off by itself, and the print stretched."""
         with np.errstate(divide="ignore"):
             each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
-        if not (self.prior.points_sigma_mm[:2] > 0).all():
+        if self.cameras < 2 or not (self.prior.points_sigma_mm[:2] > 0).all():
             return np.diag(np.tile(each, self.points))
         weights, modes = (
             np.tile(each, self.points),

@@ -1,19 +1,17 @@
 """Runs a step of a commissioning: its preparation, its commands in processes of their own, and what they found.
 
-A command that is killed leaves no half result, and the step stays open; running it again goes on.
+A command that is killed leaves no half result, and the step stays open; running it again goes on. Where the program
+itself is killed, its command ends, too.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import subprocess
-import sys
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,7 +36,7 @@ from beltscape.commissioning.steps import (
 )
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Reporter
-from beltscape.core.system_calls import lock_folder
+from beltscape.core.system_calls import begin_dependent
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
 from beltscape.files.json_text import read_json, to_plain
@@ -62,7 +60,8 @@ class StepRun:
 
     def __init__(self, state: CommissionState, reporter: Reporter) -> None:
         self._state, self._reporter = state, reporter
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock: int | None = None
         self._cancelled = threading.Event()
 
     def run(self, name: str) -> Facts:
@@ -79,7 +78,7 @@ class StepRun:
         step = find_step(name)
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
-        with _lock(self._state.folder):
+        with self._state.lock() as self._lock:
             project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
@@ -95,19 +94,18 @@ class StepRun:
         """Run a command in the folder; return its JSON document."""
         if self._cancelled.is_set():
             raise InputError("cancelled")
-        with subprocess.Popen(
-            [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder, text=True,
-            encoding="utf-8", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONUTF8": "1"},
-        ) as process:  # fmt: skip
+        locks = [] if self._lock is None else [self._lock]
+        pipe = subprocess.PIPE
+        with begin_dependent((*words, "--json"), self._state.folder, locks, pipe, pipe) as process:
             self._process = process
             listener = threading.Thread(
                 target=self._listen, args=(process,), name="output of a step", daemon=True
             )
             listener.start()
             assert process.stdout is not None
-            text = process.stdout.read()
+            text = process.stdout.read().decode("utf-8", "replace")
             listener.join()
+            process.wait()  # before its standard input is closed, which would end it
         self._process = None
         if self._cancelled.is_set():
             raise InputError("cancelled")
@@ -125,10 +123,10 @@ class StepRun:
             document = self.call(words)
         return document
 
-    def _listen(self, process: subprocess.Popen[str]) -> None:
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None
         for line in process.stderr:
-            text = line.strip()
+            text = line.decode("utf-8", "replace").strip()
             if found := _DONE.fullmatch(text):
                 self._reporter.step(found["stage"], int(found["total"]), int(found["total"]))
             elif text.startswith("warning: "):
@@ -382,16 +380,3 @@ def _set_aside(folder: Path) -> None:
         number += 1
     folder.rename(kept)
 
-
-@contextmanager
-def _lock(folder: Path) -> Generator[None]:
-    """Let one program at a time run a step in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        handle = lock_folder(folder)
-    except BlockingIOError as error:
-        raise InputError(f"{folder}: another program runs a step of it; wait, or end it") from error
-    try:
-        yield
-    finally:
-        os.close(handle)

@@ -6,8 +6,10 @@ these exist and what it was made from is unchanged.
 
 from __future__ import annotations
 
+import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from time import time_ns
@@ -18,6 +20,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.quantities import BELT_LENGTH, DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
 from beltscape.files.toml_text import describe_fault
@@ -162,6 +165,24 @@ class CommissionState:
             raise InputError(f"{self.path}: is no {FORMAT}; give another folder, or move the file away")
         self.settings = validate_settings(document.get("settings", {}))
         self._document, self._seen_ns = document, changed_ns
+
+    @contextmanager
+    def lock(self) -> Generator[int]:
+        """Let one program at a time run a step or take views; yield the lock, which commands inherit.
+
+        InputError while another program does, or a command that a killed one began has not ended yet.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            handle = lock_folder(self.folder)
+        except BlockingIOError as error:
+            raise InputError(
+                f"{self.folder}: another program runs a step of it; wait, or end it"
+            ) from error
+        try:
+            yield handle
+        finally:
+            os.close(handle)
 
     def change_settings(self, changes: Mapping[str, Any]) -> None:
         """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""

@@ -71,7 +71,14 @@ class ServedPlant:
 
     def start(self) -> None:
         """Begin the process, and wait until it answers."""
-        words = [str(self._demo), str(self._period_s), "commission", str(self.folder), "--port", str(self.port)]
+        words = [
+            str(self._demo),
+            str(self._period_s),
+            "commission",
+            str(self.folder),
+            "--port",
+            str(self.port),
+        ]
         self._process = subprocess.Popen([sys.executable, "-c", _PROGRAM, *words], stderr=subprocess.DEVNULL)
         wait(self._answers, "the server answers")
 
@@ -103,7 +110,9 @@ class ServedPlant:
     def post(self, path: str, body: Mapping[str, Any] | None = None) -> None:
         """Send what a button of the page sends."""
         token = self._client.get("/api/access/state").json()["token"]
-        answer = self._client.post(f"/api/commission/{path}", json=body or {}, headers={"x-beltscape-token": token})
+        answer = self._client.post(
+            f"/api/commission/{path}", json=body or {}, headers={"x-beltscape-token": token}
+        )
         assert answer.status_code == 200, answer.text
 
     def get_status(self, step: str) -> str:
@@ -171,4 +180,3 @@ class Keyboard:
 def count_views(folder: Path) -> int:
     """Return how many views of the board are on the disk."""
     return len({path.stem for path in (folder / "calibration").glob("*/*.png")})
-

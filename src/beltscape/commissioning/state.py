@@ -176,9 +176,7 @@ class CommissionState:
         try:
             handle = lock_folder(self.folder)
         except BlockingIOError as error:
-            raise InputError(
-                f"{self.folder}: another program runs a step of it; wait, or end it"
-            ) from error
+            raise InputError(f"{self.folder}: another program runs a step of it; wait, or end it") from error
         try:
             yield handle
         finally:

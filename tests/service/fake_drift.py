@@ -25,7 +25,8 @@ class FakeDrift:
         moved = self.newest_is_there and (not self.changes or self.changes[-1]["action"] == "undone")
         last = {"volume_percent": -1.25, "volume_sigma_percent": 0.25}
         return {
-            "reference_ns": 5, "window_s": self.window_s, "estimates": [last] if moved else [], "newest": 7 if moved else None,
+            "reference_ns": 5, "window_s": self.window_s,
+            "estimates": [last] if moved else [], "newest": 7 if moved else None,
             "moved": "cam2" if moved else None, "has_proposal": moved, "needs_new_belt": False,
             "is_significant": moved, "change_litres": self.volume_l if moved else None,
             "change_sigma_litres": 10.0 if moved and self.volume_l else None, "changes": self.changes,

@@ -14,7 +14,7 @@ HEADER = ("frame", "timestamp_s")
 
 
 def append_time(capture: Path, frame: str, time_ns: int) -> int:
-    """Append the time of an instant to a capture's times.csv, which is begun where there is none; return the bytes."""
+    """Append the time of an instant to a capture's times.csv, which is begun if need be; return the bytes written."""
     return append_rows(capture / FILE, ",".join(HEADER), f"{frame},{format_seconds(time_ns)}\n".encode())
 
 

@@ -1,7 +1,6 @@
 """A certificate's figures against a computation of their own, written anew from the GUM's formulas (JCGM 100:2008).
 
-It begins with the plant's raw records and weighed masses, differentiates its results by finite differences (GUM 5.1.3),
-and uses nothing of the program: pooled scatter (GUM H.5), Welch and Satterthwaite (GUM G.2b), Student's and Fisher's
+It begins with the plant's raw records and weighed masses, differentiates by finite differences (GUM 5.1.3), and uses nothing of the program: pooled scatter (GUM H.5), Welch and Satterthwaite (GUM G.2b), Student's and Fisher's
 distributions of scipy, linear regression.
 """
 
@@ -63,7 +62,9 @@ class Raw:
     lengths_m: list[float] = field(default_factory=list)
 
 
-def make_plant(folder: Path, loads: Mapping[str, tuple[float, float]], scatter: float) -> tuple[SimulatedPlant, Raw]:
+def make_plant(
+    folder: Path, loads: Mapping[str, tuple[float, float]], scatter: float
+) -> tuple[SimulatedPlant, Raw]:
     plant = SimulatedPlant(folder, seed=7)
     plant.add_zero(TURNS)
     raw = Raw(np.array([one.volume_mm3 for one in plant.records]))
@@ -124,13 +125,20 @@ class ByHand:
         corrected = self.volume - 1e-6 * self.zero_mm2 * self.length
         own_m3 = OWN_MM2 * STRIP_MM * 1e-9 * np.sqrt(self.length * 1000 / STRIP_MM)
         # a mass is the difference of two readings, each rounded to a step
-        steps = math.sqrt(float(np.sum(2 * (STEP_KG / math.sqrt(12) / self.mass) ** 2 + (own_m3 / corrected) ** 2)))
+        steps = math.sqrt(
+            float(np.sum(2 * (STEP_KG / math.sqrt(12) / self.mass) ** 2 + (own_m3 / corrected) ** 2))
+        )
         scatter = (self.run_sigma / math.sqrt(count), float(self.free), "A")
         return {
             "scatter": (0.0, *max(scatter, (steps / count, math.inf, "B"))),
             "share": (0.0, SCALE_SHARE, SCALE_FREEDOM, "B"),
             "constant": (0.0, SCALE_KG, SCALE_FREEDOM, "B"),
-            "zero": (self.zero_mm2, self.zero_sigma, self.zero_freedom, "A" if self.zero_freedom < math.inf else "B"),
+            "zero": (
+                self.zero_mm2,
+                self.zero_sigma,
+                self.zero_freedom,
+                "A" if self.zero_freedom < math.inf else "B",
+            ),
             "bend": (0.0, self.bend, math.inf, "B"),
             "spilt": (0.0, SPILT, math.inf, "B"),
             "density": (SAMPLE, SAMPLE_SIGMA, SAMPLE_FREEDOM, "B"),
@@ -163,7 +171,9 @@ class ByHand:
         for name, (estimate, sigma, _, _) in inputs.items():
             low, high = ({**at, name: estimate + side * 1e-3 * sigma} for side in (-1, 1))
             parts[name] = (self.compute(high)[key] - self.compute(low)[key]) / 2e-3
-        by_type = {kind: math.sqrt(sum(parts[n] ** 2 for n in inputs if inputs[n][3] == kind)) for kind in "AB"}
+        by_type = {
+            kind: math.sqrt(sum(parts[n] ** 2 for n in inputs if inputs[n][3] == kind)) for kind in "AB"
+        }
         sigma = math.sqrt(sum(one**2 for one in parts.values()))
         rest = sum(parts[name] ** 4 / inputs[name][2] for name in inputs)
         freedom = sigma**4 / rest if rest else math.inf
@@ -193,8 +203,12 @@ def test_every_result_its_types_and_its_expanded_uncertainty(certified) -> None:
     for key, one in found.items():
         stated = hand.state(key)
         assert one["value"] == pytest.approx(stated.value, rel=1e-9), key
-        assert (one["sigma"], one["expanded"]) == pytest.approx((stated.sigma, stated.expanded), rel=2e-5), key
-        assert (one["sigma_a"], one["sigma_b"]) == pytest.approx((stated.sigma_a, stated.sigma_b), rel=2e-5), key
+        assert (one["sigma"], one["expanded"]) == pytest.approx((stated.sigma, stated.expanded), rel=2e-5), (
+            key
+        )
+        assert (one["sigma_a"], one["sigma_b"]) == pytest.approx(
+            (stated.sigma_a, stated.sigma_b), rel=2e-5
+        ), key
         freedom = math.inf if one["degrees_of_freedom"] is None else one["degrees_of_freedom"]
         assert freedom == pytest.approx(stated.freedom, rel=1e-4), key
 
@@ -208,7 +222,9 @@ def test_the_cases_are_what_they_are_meant_for(certified) -> None:
 def test_linearity_over_the_load(certified) -> None:
     name, document, hand = certified
     own = document["repeatability"]["mass"]
-    assert (own["linearity"]["f"], own["linearity"]["probability"]) == pytest.approx((hand.f, hand.probability))
+    assert (own["linearity"]["f"], own["linearity"]["probability"]) == pytest.approx(
+        (hand.f, hand.probability)
+    )
     assert own["linearity"]["is_significant"] == (hand.probability < 0.05) == (name == "bent")
     assert own["linearity"]["degrees_of_freedom"] == [len(hand.names) - 1, hand.free]
     flow = hand.volume / (hand.length * 1000 / SPEED_MM_S) * 3600
@@ -217,10 +233,14 @@ def test_linearity_over_the_load(certified) -> None:
     assert own["slope_percent_per_100_m3_h"] == pytest.approx(-1e4 * line.slope, rel=1e-7)
     assert own["slope_sigma_percent_per_100_m3_h"] == pytest.approx(1e4 * hand.run_sigma / math.sqrt(spread))
     fitted = line.intercept + line.slope * flow
-    away = sum(float((hand.ratios[at] - fitted[at]).mean() ** 2 * at.sum()) for at in map(hand.is_of, hand.names))
+    away = sum(
+        float((hand.ratios[at] - fitted[at]).mean() ** 2 * at.sum()) for at in map(hand.is_of, hand.names)
+    )
     f = away / (len(hand.names) - 2) / hand.run_sigma**2
     assert own["lack_of_fit"]["f"] == pytest.approx(f, rel=1e-6)
-    assert own["lack_of_fit"]["probability"] == pytest.approx(stats.f.sf(f, len(hand.names) - 2, hand.free), rel=1e-6)
+    assert own["lack_of_fit"]["probability"] == pytest.approx(
+        stats.f.sf(f, len(hand.names) - 2, hand.free), rel=1e-6
+    )
 
 
 def test_every_load_s_deviation_from_all_of_them(certified) -> None:

@@ -1,4 +1,4 @@
-"""The server of a commissioning is killed in its steps: nothing is lost, no command outlives it, each step goes on."""
+"""The server of a commissioning is killed in its steps: nothing is lost, no command outlives it, steps go on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A commissioning whose cameras are captures of another renderer: boards, empty belt, project, live and material test.
+"""A commissioning whose cameras are captures of another renderer, from the boards to the certificate.
 
 What does not fit is refused with one line that names it and the fix.
 """
@@ -51,7 +51,7 @@ def set_all(plant: Path, capsys, *assignments: str) -> None:
 
 
 def true_m3(scene: str, from_mm: float, to_mm: float, axis_mm: float) -> float:
-    """Return the true volume between two places along the belt, of the belt's frame, by the renderer's height field."""
+    """Return the true volume between two places along the belt, in the belt's frame, by the height field."""
     field = np.load(RENDERED / f"truth/{scene}_heightfield_world.npz")
     step, (rows, columns) = float(field["step"]), field["z"].shape
     x, y = (float(field[f"{key}0"]) + step * np.arange(n) for key, n in (("x", columns), ("y", rows)))
@@ -119,7 +119,7 @@ def test_what_does_not_fit_is_refused_by_name(captures, tmp_path, monkeypatch, c
     mine.mkdir()
 
     def refuse(step: str, *said: str) -> None:
-        code, document, err = call(plant, capsys, "--step", step)
+        code, document, _ = call(plant, capsys, "--step", step)
         line = document["error"]["message"]
         print(f"{step}: {line}")
         assert code == 2, step

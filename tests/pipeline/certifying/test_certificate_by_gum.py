@@ -1,6 +1,7 @@
 """A certificate's figures against a computation of their own, written anew from the GUM's formulas (JCGM 100:2008).
 
-It begins with the plant's raw records and weighed masses, differentiates by finite differences (GUM 5.1.3), and uses nothing of the program: pooled scatter (GUM H.5), Welch and Satterthwaite (GUM G.2b), Student's and Fisher's
+It begins with the plant's raw records and weighed masses, differentiates by finite differences (GUM 5.1.3), and uses
+nothing of the program: pooled scatter (GUM H.5), Welch and Satterthwaite (GUM G.2b), Student's and Fisher's
 distributions of scipy, linear regression.
 """
 

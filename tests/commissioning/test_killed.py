@@ -14,6 +14,7 @@ from beltscape.commissioning import trial
 from beltscape.commissioning.state import FILE, CommissionState
 from beltscape.commissioning.steps import STEPS
 from beltscape.core.errors import InputError
+from beltscape.service.settings import read_texts
 from tests.commissioning.served_plant import Keyboard, ServedPlant, count_views, is_running, wait
 from tests.once import make_once
 from tests.service.page.site import needs_chromium
@@ -142,10 +143,10 @@ def run_twice(hand: Keyboard, served: ServedPlant, name: str) -> None:
         return
     hand.wait_for_step(name, "open")
     hand.press("#do-run")
+    hand.page.wait_for_selector(f'#steps li[data-key="{name}"]:not([data-status="open"])')
     if name == "empty":
         cut_network(hand)
     if name == "live":
-        hand.wait_for_step(name, "running")
         hand.close()
         hand.open(f"/#{name}")
     hand.page.wait_for_selector(
@@ -159,6 +160,12 @@ def cut_network(hand: Keyboard) -> None:
     hand.page.context.set_offline(True)
     hand.page.wait_for_selector("body[data-link=lost]")
     assert hand.page.locator("#banner").is_visible()
+    if hand.page.locator("#do-cancel").count():
+        hand.press("#do-cancel")
+        text = read_texts("en")["commission.unsent"]
+        wait(
+            lambda: hand.page.inner_text("#step-problem") == text, "a press without a network is answered", 60
+        )
     hand.page.context.set_offline(False)
     hand.page.wait_for_selector("body[data-link=live]")
 

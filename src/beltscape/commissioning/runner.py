@@ -309,7 +309,7 @@ class StepRun:
             if words[0] == "certify" and state.settings.material_test is None:
                 material.write_test(state)
             document = self.call(words)
-        return {"errors": document["errors"], "notes": document["notes"]}
+        return {"errors": document["errors"], "results": document["results"], "notes": document["notes"]}
 
     def _certify(self) -> Facts:
         issue, listing = list_commands(self._state, "certificate")

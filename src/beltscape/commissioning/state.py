@@ -19,7 +19,15 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.core.quantities import BELT_LENGTH, DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.quantities import (
+    BELT_LENGTH,
+    DENSITY,
+    DENSITY_SIGMA,
+    EXPOSURE,
+    FRAME_RATE,
+    LOAD_HEIGHT,
+    MOISTURE,
+)
 from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
@@ -94,6 +102,25 @@ class RunAnswer(MeasuredAnswer):
     ticket: _Line = ""
 
 
+class SampleAnswer(_Table):
+    """Samples that were weighed and dried apart from the belt; they tell span factor and bulk density apart."""
+
+    density_kg_m3: Annotated[float, DENSITY] | None = None
+    density_sigma_kg_m3: Annotated[float, DENSITY_SIGMA, Field(gt=0)] | None = None
+    moisture_percent: Annotated[float, MOISTURE, Field(lt=95)] | None = None
+    moisture_sigma_percent: Annotated[float, Field(gt=0, le=20)] | None = None
+
+    @model_validator(mode="after")
+    def _check_sigmas(self) -> SampleAnswer:
+        for value, sigma, name in (
+            (self.density_kg_m3, self.density_sigma_kg_m3, "density_sigma_kg_m3"),
+            (self.moisture_percent, self.moisture_sigma_percent, "moisture_sigma_percent"),
+        ):
+            if (value is None) != (sigma is None):
+                raise ValueError(f"give a sample with its σ, {name}; no sample is known exactly")
+        return self
+
+
 class CommissionSettings(_Table):
     """What the engineer answers; the page's forms and ``--set`` change the same."""
 
@@ -133,6 +160,7 @@ class CommissionSettings(_Table):
     """The table [encoder] of project.toml; empty: a capture's own, or none."""
     operator: _Line = ""
     reference: ReferenceAnswer = ReferenceAnswer()
+    samples: SampleAnswer = SampleAnswer()
     zero: ZeroAnswer = ZeroAnswer()
     runs: Annotated[tuple[RunAnswer, ...], Field(max_length=100)] = ()
     material_test: Path | None = None

@@ -45,7 +45,7 @@ export function create_form(name, state) {
     if (OF_CAMERAS.has(path) && settings.source !== "cameras") continue;
     form.append(create_field(path, kind, read_path(settings, path)));
   }
-  if (name === "material") form.append(create_zero(settings), ...create_runs(settings));
+  if (name === "material") form.append(create_samples(settings), create_zero(settings), ...create_runs(settings));
   if (name === "rig") form.append(create_element("label", { class: "choice wide" }, create_element("input", { type: "checkbox", name: "accept_doubts", checked: settings.accept_doubts }), create_element("span", {}, t("commission.field.accept_doubts"))));
   return form;
 }
@@ -121,6 +121,11 @@ async function stamp(part, edge) {
     render_steps(store.state, true);
     document.querySelector(`[data-stamp="${part} ${edge}"]`)?.focus();
   }
+}
+
+function create_samples({ samples }) {
+  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.samples")), create_element("p", { class: "soft" }, t("commission.samples_about")),
+    create_element("div", { class: "form" }, ...Object.entries(samples).map(([key, value]) => create_field(`samples.${key}`, "number", value))));
 }
 
 function create_zero({ zero }) {

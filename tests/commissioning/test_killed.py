@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Generator
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from beltscape.commissioning import trial
+from beltscape.commissioning import guided, trial
+from beltscape.commissioning.guided import GuidedSession
+from beltscape.commissioning.live import LiveView, open_source
 from beltscape.commissioning.state import FILE, CommissionState
 from beltscape.commissioning.steps import STEPS
 from beltscape.core.errors import InputError
+from beltscape.pipeline.recording.shots import CornerCounter
 from beltscape.service.settings import read_texts
 from tests.commissioning.served_plant import Keyboard, ServedPlant, count_views, is_running, wait
 from tests.once import make_once
@@ -47,8 +53,14 @@ def test_a_command_ends_when_the_program_that_began_it_is_killed(tmp_path: Path)
             pass
         beginner.kill()
         wait(lambda: not is_running(command), "the command ends", 60)
-    with CommissionState(tmp_path).lock():
-        pass
+    wait(lambda: is_free(tmp_path), "its lock ends with its last thread", 60)
+
+
+def is_free(folder: Path) -> bool:
+    """Return whether no program runs a step in a folder."""
+    with suppress(InputError), CommissionState(folder).lock():
+        return True
+    return False
 
 
 def test_what_a_killed_program_has_half_copied_is_made_anew(tmp_path, tmp_path_factory, monkeypatch) -> None:
@@ -73,6 +85,28 @@ def test_what_a_killed_program_has_half_copied_is_made_anew(tmp_path, tmp_path_f
         images = sorted(path.name for path in (state.folder / run["capture"]).glob("cam*"))
         assert images == ["cam0", "cam1", "cam2", "cam3"]
     assert not list((state.folder / trial.CAPTURES).glob(".*")), "nothing half is left"
+
+
+def test_a_score_of_views_that_were_set_aside_is_not_that_of_the_new_ones(
+    tmp_path, tmp_path_factory, monkeypatch
+) -> None:
+    demo = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
+    state = CommissionState(tmp_path / "plant")
+    shutil.copytree(demo / "calibration", state.folder / "calibration")
+    (state.folder / "board").mkdir()
+    shutil.copy(demo / "board.toml", state.folder / "board")
+    monkeypatch.setattr(CornerCounter, "detect", lambda *_: {})
+    views = len(list((demo / "calibration/cam0").glob("*")))
+    for scored, is_known in ((views, True), (views + 1, False)):
+        verdict = SimpleNamespace(views=scored)
+        monkeypatch.setattr(guided, "read_verdict", lambda *_, found=verdict: found)
+        session = GuidedSession(state, LiveView(lambda: open_source(state)))
+        session.resume()
+        assert (session.verdict is verdict) == is_known
+    session.set_aside()
+    again = GuidedSession(state, LiveView(lambda: open_source(state)))
+    again.resume()
+    assert (again.taken, again.verdict) == (0, None)
 
 
 @pytest.fixture

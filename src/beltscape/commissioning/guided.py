@@ -83,6 +83,7 @@ class GuidedSession:
         self._closed = threading.Event()
         self._lock = threading.Lock()
         self._is_forced = False
+        self._is_resuming = False
         self._thread: threading.Thread | None = None
         self._lock_of_folder: int | None = None
         self._locked = ExitStack()
@@ -130,16 +131,19 @@ class GuidedSession:
 
     def resume(self) -> None:
         """Find the board in the views that are there, and read their newest score."""
-        if self._folder.is_dir() and any(self._folder.glob("*/*")):
-            capture = read_capture(self._folder)
+        self._is_resuming = True
+        has_views = self._folder.is_dir() and any(self._folder.glob("*/*"))
+        capture = read_capture(self._folder) if has_views else None
+        self._read_score(0 if capture is None else len(capture.frames))
+        if capture is not None:
             for frame in capture.frames:
                 images = {name: read_image(own[frame]) for name, own in capture.files.items() if frame in own}
                 corners = self._counter.detect(images)
                 self._add_sizes(FrameSet(frame, images))
                 self._selector.remember(corners, self._sizes)
                 self._add_corners(corners)
-        self._read_score()
         self._scored = 0 if self._verdict is None else min(self._verdict.views, self.taken)
+        self._is_resuming = False
 
     def start(self) -> None:
         """Take views until the session is closed. InputError while another program does, or runs a step."""
@@ -262,13 +266,15 @@ class GuidedSession:
         self._trouble = ""
         with self._lock:
             self._new_views.clear()
-            self._read_score()
+            self._read_score(self.taken)
 
-    def _read_score(self) -> None:
+    def _read_score(self, views: int) -> None:
+        """Read the newest score, unless it is of more views than there are: those were set aside."""
         plan = self._state.settings.plan
         folder = (self._state.folder / RIG).parent
         try:
-            self._verdict = read_verdict(folder, None if plan is None else self._state.folder / plan)
+            verdict = read_verdict(folder, None if plan is None else self._state.folder / plan)
+            self._verdict = None if verdict is None or verdict.views > views else verdict
         except BeltscapeError as error:
             self._trouble = str(error)
 
@@ -295,7 +301,7 @@ class GuidedSession:
             taken = self.taken
         return {
             "taken": taken,
-            "verdict": self._assessment.verdict,
+            "verdict": "resuming" if self._is_resuming else self._assessment.verdict,
             "camera": self._assessment.camera,
             "moved": self._moved,
             "trouble": self._trouble,

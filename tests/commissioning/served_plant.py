@@ -119,7 +119,7 @@ class ServedPlant:
         """Return how a step stands."""
         return next(one["status"] for one in self.read()["steps"] if one["name"] == step)
 
-    def wait_until_begun(self, step: str) -> None:
+    def wait_for_command(self, step: str) -> None:
         """Wait until a step has begun a command, or is over."""
         assert self._process is not None
         process = self._process.pid

@@ -128,7 +128,7 @@ def test_a_step_goes_on_after_its_server_was_killed(served: ServedPlant) -> None
     served.run_step("cameras")
     before = json.loads((served.folder / FILE).read_text())
     served.post("run/board")
-    served.wait_until_begun("board")
+    served.wait_for_command("board")
     served.kill()
     assert json.loads((served.folder / FILE).read_text()) == before
     served.start()

@@ -199,7 +199,7 @@ def end_with_beginner() -> None:
     if os.environ.pop(_DEPENDENT, None) is None:
         return
 
-    def watch() -> None:
+    def wait_for_end() -> None:
         with suppress(OSError):
             while os.read(0, 1):
                 pass
@@ -207,7 +207,7 @@ def end_with_beginner() -> None:
         threading.Event().wait(_END_S)
         os._exit(1)
 
-    threading.Thread(target=watch, name="beginner", daemon=True).start()
+    threading.Thread(target=wait_for_end, name="beginner", daemon=True).start()
 
 
 def release_memory() -> None:

@@ -135,7 +135,7 @@ def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
 
     _make_folder(folder / name, make)
     write_text(folder / name / "encoder.csv", _ENCODER)
-    whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
+    whole_m3 = round(float(_read_cross_sections(folder, load)[1][-1]) * 1e-9, 6)  # to a millilitre
     return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
 
 

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Generator
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 
 from beltscape.commissioning import guided, trial
 from beltscape.commissioning.guided import GuidedSession
-from beltscape.commissioning.live import LiveView, open_source
+from beltscape.commissioning.live import LiveView, collect_complete, open_source
 from beltscape.commissioning.state import FILE, CommissionState
 from beltscape.commissioning.steps import STEPS
 from beltscape.core.errors import InputError
@@ -107,6 +108,21 @@ def test_a_score_of_views_that_were_set_aside_is_not_that_of_the_new_ones(
     again = GuidedSession(state, LiveView(lambda: open_source(state)))
     again.resume()
     assert (again.taken, again.verdict) == (0, None)
+
+
+def test_no_thread_draws_on_when_pictures_are_closed(tmp_path, tmp_path_factory, monkeypatch) -> None:
+    """A program that ended meanwhile was aborted by its library of images."""
+    demo = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
+    monkeypatch.setattr(trial, "DEMO_FOLDER", demo)
+    state = CommissionState(tmp_path / "plant")
+    state.change_settings({"source": "trial"})
+    state.change_settings(trial.make_trial(state))
+    assert len(collect_complete(open_source(state), 1, threading.Event())) == 1
+    live = LiveView(lambda: open_source(state))
+    live.open()
+    assert live.take(60) is not None
+    live.close()
+    assert not {"feed", "live view"} & {one.name for one in threading.enumerate()}
 
 
 @pytest.fixture

@@ -186,11 +186,8 @@ class StepRun:
     def _assess_images(self) -> Facts:
         applied = self._check_cameras("images")
         self._warn_of_rounding(applied)
-        source = open_source(self._state)
-        try:
-            assessed = [assess_all(one.images) for one in collect_complete(source, _SETS, self._cancelled)]
-        finally:
-            source.close()
+        frame_sets = collect_complete(open_source(self._state), _SETS, self._cancelled)
+        assessed = [assess_all(one.images) for one in frame_sets]
         reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():
             if report.fault:

@@ -36,7 +36,8 @@ class FrameFeed:
         self._failure = ""
         self.dropped = 0
         """Frame sets that were not written in time."""
-        make_supervised_thread("feed", self._collect, self._fail, interrupted.wait).start()
+        self._thread = make_supervised_thread("feed", self._collect, self._fail, interrupted.wait)
+        self._thread.start()
 
     def _fail(self, reason: str) -> None:
         """Keep the reason; the source is iterated over again."""
@@ -58,6 +59,10 @@ class FrameFeed:
         with self._wake:
             self._closed = True
             self._wake.notify()
+
+    def join(self, wait_s: float) -> None:
+        """Wait until the thread has ended, which it does with the source; at most ``wait_s``."""
+        self._thread.join(wait_s)
 
     def clear(self) -> None:
         """Forget the frame sets that wait: the next one is new."""

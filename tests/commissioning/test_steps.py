@@ -153,13 +153,19 @@ def test_changed_answers_reach_project_toml_unless_somebody_has_changed_it(plant
     monkeypatch.setattr(StepRun, "call_all", lambda *_: {"parts": {}})
     state = CommissionState(plant)
     devices = {"cam0": "192.168.10.11", "cam1": "192.168.10.12"}
-    state.change_settings({"source": "cameras", "devices": devices, "exposure_us": 1000})
+    state.change_settings({"source": "cameras", "devices": devices, "exposure_us": 1000, "load_mm": 300})
     for step in STEPS[:8]:
         for name in step.outputs:
             (plant / name).parent.mkdir(exist_ok=True)
             (plant / name).write_text("{}")
         state.finish(step.name, {}, ())
     notes = Silent()
+    project_text.write_cameras(state)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(StepRun, "call_all", lambda *_: (_ for _ in ()).throw(InputError("a port is taken")))
+        with pytest.raises(InputError, match="port"):
+            StepRun(state, notes).run("project")  # what it wrote stays, to be mended by hand or by answers
+    state.change_settings({"load_mm": 400})
     StepRun(state, notes).run("project")
     assert get_status(state, find_step("project")) == "done"
     state.change_settings({"exposure_us": 800})

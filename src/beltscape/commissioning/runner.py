@@ -39,7 +39,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.system_calls import begin_dependent
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
-from beltscape.files.json_text import hash_file, read_json, to_plain
+from beltscape.files.json_text import read_json, to_plain
 from beltscape.files.rig_json import read_rig
 from beltscape.health.images.synchronisation import SIGMAS
 
@@ -271,16 +271,14 @@ class StepRun:
         }
 
     def _write_project(self) -> Facts:
-        path, record = self._state.folder / PROJECT, self._state.get_record("project")
+        path = self._state.folder / PROJECT
         text = project_text.format_project(self._state.folder, self._state.settings)
-        written = {} if record is None else record["result"]
-        if not path.is_file() or hash_file(path) == written.get("sha256"):
-            write_text(path, text)  # nobody has changed it since
+        if not path.is_file() or self._state.is_as_written(PROJECT):
+            self._state.keep_written(PROJECT, text)
+            write_text(path, text)
         for line in project_text.list_differences(path, text):
             self._reporter.warn(line)
-        document = self.call_all("project")
-        is_own = path.read_text("utf-8") == text
-        return {"parts": document["parts"], "sha256": hash_file(path) if is_own else ""}
+        return {"parts": self.call_all("project")["parts"]}
 
     def _test_live(self) -> Facts:
         if self._state.settings.source == "cameras":

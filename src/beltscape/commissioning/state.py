@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from time import time_ns
 from typing import Annotated, Any, Literal
@@ -227,6 +228,16 @@ class CommissionState:
             "inputs": {name: _fingerprint(self.folder / name) for name in inputs},
         }
         self._write()
+
+    def keep_written(self, name: str, text: str) -> None:
+        """Remember a text that is about to be written into a file, which is then this program's own."""
+        self.refresh()
+        self._document.setdefault("written", {})[name] = sha256(text.encode()).hexdigest()
+        self._write()
+
+    def is_as_written(self, name: str) -> bool:
+        """Return whether nobody has changed a file since this program wrote it."""
+        return _fingerprint(self.folder / name) == self._document.get("written", {}).get(name)
 
     def reopen(self, step: str) -> None:
         """Forget that a step was finished."""

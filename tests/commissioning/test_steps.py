@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.commissioning import trial
+from beltscape.commissioning import project_text, trial
 from beltscape.commissioning.runner import StepRun
 from beltscape.commissioning.state import FILE, CommissionState, parse_assignments
 from beltscape.commissioning.steps import STEPS, find_next, find_step, get_status, list_commands
@@ -129,8 +129,6 @@ def test_a_command_that_fails_ends_the_step_with_its_own_line_and_the_step_stays
 
 
 def test_the_tables_of_cameras_are_those_that_record_reads(plant):
-    from beltscape.commissioning import project_text
-
     state = CommissionState(plant)
     devices = {"cam0": "192.168.10.11", "left cam": "Basler-21730563"}
     state.change_settings({"source": "cameras", "devices": devices, "exposure_us": 800, "trigger": "line"})
@@ -149,6 +147,42 @@ def test_the_tables_of_cameras_are_those_that_record_reads(plant):
         1600,
     )
     assert list_commands(state, "empty")[0][:2] == ("record", "cameras.toml")
+
+
+def test_changed_answers_reach_project_toml_unless_somebody_has_changed_it(plant, monkeypatch):
+    monkeypatch.setattr(StepRun, "call_all", lambda *_: {"parts": {}})
+    state = CommissionState(plant)
+    devices = {"cam0": "192.168.10.11", "cam1": "192.168.10.12"}
+    state.change_settings({"source": "cameras", "devices": devices, "exposure_us": 1000, "load_mm": 300})
+    for step in STEPS[:8]:
+        for name in step.outputs:
+            (plant / name).parent.mkdir(exist_ok=True)
+            (plant / name).write_text("{}")
+        state.finish(step.name, {}, ())
+    notes = Silent()
+    project_text.write_cameras(state)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(StepRun, "call_all", lambda *_: (_ for _ in ()).throw(InputError("a port is taken")))
+        with pytest.raises(InputError, match="port"):
+            StepRun(state, notes).run("project")  # what it wrote stays, to be mended by hand or by answers
+    state.change_settings({"load_mm": 400})
+    StepRun(state, notes).run("project")
+    assert get_status(state, find_step("project")) == "done"
+    state.change_settings({"exposure_us": 800})
+    project_text.write_cameras(state)  # as the step of the pictures does
+    assert get_status(state, find_step("project")) == "outdated"
+    StepRun(state, notes).run("project")
+    assert (get_status(state, find_step("project")), notes.warnings) == ("done", [])
+    assert read_toml(plant / "project.toml")["cameras"]["exposure_us"] == 800
+    own = (plant / "project.toml").read_text().replace("load_mm = 400.0", "load_mm = 500.0") + "# mine\n"
+    (plant / "project.toml").write_text(own)
+    state.change_settings({"exposure_us": 600})
+    StepRun(state, notes).run("project")
+    assert (plant / "project.toml").read_text() == own
+    assert [line.split(";")[0] for line in notes.warnings] == [
+        "project.toml: cameras.exposure_us is 800.0, 600.0 was answered",
+        "project.toml: matching.load_mm is 500.0, 400.0 was answered",
+    ]
 
 
 def test_a_damaged_state_is_refused_with_its_file(plant, capsys):

@@ -18,6 +18,7 @@ from beltscape.commissioning.live import LiveView, open_source
 from beltscape.commissioning.staged_cameras import SimulatedBoard
 from beltscape.commissioning.state import CommissionState
 from beltscape.commissioning.steps import STEPS, get_status
+from beltscape.core import system_calls
 from beltscape.pipeline.calibrating.guidance import draw_ghost, outline_mm
 from beltscape.pipeline.recording.shots import CornerCounter
 from beltscape.target.board import corner_points_mm, read_board
@@ -76,7 +77,7 @@ def test_a_score_whose_document_is_larger_than_a_pipe_is_read(plant, tmp_path, m
     program.write_text("#!/bin/sh\nhead -c 300000 /dev/zero | tr '\\0' ' '\n")
     program.chmod(0o755)
     monkeypatch.setattr(guided, "FIRST_SCORE", 1)
-    monkeypatch.setattr(guided.sys, "executable", str(program))
+    monkeypatch.setattr(system_calls.sys, "executable", str(program))
     state = CommissionState(plant)
     session = GuidedSession(state, LiveView(lambda: open_source(state)))
     for frames in open_source(state):

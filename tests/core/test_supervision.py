@@ -18,6 +18,7 @@ UNSUPERVISED = {
     ("camera.py", "f'camera {name}'"),  # its loop opens the camera again after any error
     ("camera.py", "f'close {self._name}'"),  # ends with its one call
     ("runner.py", "'output of a step'"),  # ends with the step's command
+    ("system_calls.py", "'beginner'"),  # ends its own process
     ("session.py", "f'step {name}'"),  # keeps its own failure and shows it
 }
 

@@ -161,4 +161,4 @@ def test_a_plant_without_estimates_says_when_they_come(tmp_path, knocked, capsys
     shutil.copytree(knocked.folder, tmp_path / "plant")
     write_rig(tmp_path / "plant" / "rig.json", replace(make_rig(), quality={"new": True}))
     assert main(["drift", str(tmp_path / "plant/project.toml")]) == 0
-    assert "the first comes after two hours" in capsys.readouterr().out
+    assert "the first comes after 2 h of" in capsys.readouterr().out

@@ -11,6 +11,9 @@ class FakeDrift:
     """A rig whose camera cam2 has moved, until the proposal is taken."""
 
     volume_l: float | None = -50.0
+    window_s = 7200.0
+    also: tuple[str, ...] = ("empty", "density.table")
+    newest_is_there = True
 
     def __init__(self) -> None:
         self.calls: list[tuple[object, ...]] = []
@@ -19,10 +22,11 @@ class FakeDrift:
 
     def read(self) -> dict[str, Any]:
         self._refuse()
-        moved = not self.changes or self.changes[-1]["action"] == "undone"
+        moved = self.newest_is_there and (not self.changes or self.changes[-1]["action"] == "undone")
         last = {"volume_percent": -1.25, "volume_sigma_percent": 0.25}
         return {
-            "reference_ns": 5, "estimates": [last] if moved else [], "newest": 7 if moved else None,
+            "reference_ns": 5, "window_s": self.window_s,
+            "estimates": [last] if moved else [], "newest": 7 if moved else None,
             "moved": "cam2" if moved else None, "has_proposal": moved, "needs_new_belt": False,
             "is_significant": moved, "change_litres": self.volume_l if moved else None,
             "change_sigma_litres": 10.0 if moved and self.volume_l else None, "changes": self.changes,
@@ -31,16 +35,18 @@ class FakeDrift:
     def render(self, language: str) -> str:
         return f"<html lang={language}>cam2</html>"
 
-    def take(self, number: int, by: str, address: str) -> None:
+    def take(self, number: int, by: str, address: str) -> tuple[str, ...]:
         self._refuse()
         self._refuse_change()
         self.calls.append(("take", number, by, address))
         self.changes.append({"action": "taken"})
+        return self.also
 
-    def undo(self, by: str, address: str) -> None:
+    def undo(self, by: str, address: str) -> tuple[str, ...]:
         self._refuse_change()
         self.calls.append(("undo", by, address))
         self.changes.append({"action": "undone"})
+        return ()
 
     def _refuse(self) -> None:
         if self.fault:

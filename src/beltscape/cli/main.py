@@ -27,6 +27,7 @@ from beltscape.core.errors import (
     OutputError,
     describe_missing_library,
 )
+from beltscape.core.system_calls import end_with_beginner
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 """Exit codes: usage or input error, internal error (EX_SOFTWARE of sysexits.h), Ctrl-C."""
@@ -106,6 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.main`."""
     words = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
+    end_with_beginner()
     try:
         return _run_and_flush(words)
     except (Exception, KeyboardInterrupt) as error:

@@ -7,13 +7,12 @@ beside; so nothing is lost when page or program ends. The page and the terminal 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
@@ -30,6 +29,7 @@ from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.system_calls import begin_dependent
 from beltscape.files.capture import read_capture
 from beltscape.files.images import read_image
 from beltscape.pipeline.calibrating.guidance import (
@@ -83,7 +83,10 @@ class GuidedSession:
         self._closed = threading.Event()
         self._lock = threading.Lock()
         self._is_forced = False
+        self._is_resuming = False
         self._thread: threading.Thread | None = None
+        self._lock_of_folder: int | None = None
+        self._locked = ExitStack()
 
     @property
     def taken(self) -> int:
@@ -128,21 +131,29 @@ class GuidedSession:
 
     def resume(self) -> None:
         """Find the board in the views that are there, and read their newest score."""
-        if self._folder.is_dir() and any(self._folder.glob("*/*")):
-            capture = read_capture(self._folder)
+        self._is_resuming = True
+        has_views = self._folder.is_dir() and any(self._folder.glob("*/*"))
+        capture = read_capture(self._folder) if has_views else None
+        self._read_score(0 if capture is None else len(capture.frames))
+        if capture is not None:
             for frame in capture.frames:
                 images = {name: read_image(own[frame]) for name, own in capture.files.items() if frame in own}
                 corners = self._counter.detect(images)
                 self._add_sizes(FrameSet(frame, images))
                 self._selector.remember(corners, self._sizes)
                 self._add_corners(corners)
-        self._read_score()
         self._scored = 0 if self._verdict is None else min(self._verdict.views, self.taken)
+        self._is_resuming = False
 
     def start(self) -> None:
-        """Take views until the session is closed."""
+        """Take views until the session is closed. InputError while another program does, or runs a step."""
+        self.lock_folder()
         self._thread = make_supervised_thread("guided calibration", self._run, self._fail, self._closed.wait)
         self._thread.start()
+
+    def lock_folder(self) -> None:
+        """Keep other programs from running a step until the session is closed; InputError where one does."""
+        self._lock_of_folder = self._locked.enter_context(self._state.lock())
 
     def _fail(self, reason: str) -> None:
         self._trouble = reason
@@ -152,9 +163,10 @@ class GuidedSession:
         self._closed.set()
         if (process := self._process) is not None:
             process.terminate()
-            process.wait()
+            process.communicate()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(_CLOSE_S)  # a detection that is under way cannot be interrupted
+        self._locked.close()
 
     def force(self) -> None:
         """Take the next frame set that shows the board to two cameras, whatever is wrong with it."""
@@ -231,11 +243,10 @@ class GuidedSession:
         (words,) = list_commands(self._state, "calibrate")
         # a file: a pipe that nobody reads meanwhile is full after 64 KiB, and the command would wait for ever
         self._output = tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder,
-            stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONUTF8": "1"},
-        )  # fmt: skip
+        locks = [] if self._lock_of_folder is None else [self._lock_of_folder]
+        self._process = begin_dependent(
+            (*words, "--json"), self._state.folder, locks, self._output, subprocess.DEVNULL
+        )
 
     def collect_score(self) -> None:
         """Read the score that was computed beside, if it is finished."""
@@ -243,6 +254,7 @@ class GuidedSession:
         if process is None or process.poll() is None:
             return
         assert self._output is not None
+        process.communicate()
         with self._output:
             self._output.seek(0)
             text = self._output.read().decode("utf-8", "replace")
@@ -254,13 +266,15 @@ class GuidedSession:
         self._trouble = ""
         with self._lock:
             self._new_views.clear()
-            self._read_score()
+            self._read_score(self.taken)
 
-    def _read_score(self) -> None:
+    def _read_score(self, views: int) -> None:
+        """Read the newest score, unless it is of more views than there are: those were set aside."""
         plan = self._state.settings.plan
         folder = (self._state.folder / RIG).parent
         try:
-            self._verdict = read_verdict(folder, None if plan is None else self._state.folder / plan)
+            verdict = read_verdict(folder, None if plan is None else self._state.folder / plan)
+            self._verdict = None if verdict is None or verdict.views > views else verdict
         except BeltscapeError as error:
             self._trouble = str(error)
 
@@ -287,7 +301,7 @@ class GuidedSession:
             taken = self.taken
         return {
             "taken": taken,
-            "verdict": self._assessment.verdict,
+            "verdict": "resuming" if self._is_resuming else self._assessment.verdict,
             "camera": self._assessment.camera,
             "moved": self._moved,
             "trouble": self._trouble,
@@ -325,12 +339,13 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
     """
     live = LiveView(lambda: open_source(state))
     session = GuidedSession(state, live)
-    session.resume()
-    live.open()
-    if live.trouble:
-        raise InputError(live.trouble)
+    session.lock_folder()
     last, last_s, named = "", time.monotonic(), set[str]()
     try:
+        session.resume()
+        live.open()
+        if live.trouble:
+            raise InputError(live.trouble)
         while not session.is_enough and not (
             isinstance(live.source, StagedCameras) and live.source.is_exhausted
         ):

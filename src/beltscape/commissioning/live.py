@@ -28,6 +28,8 @@ from beltscape.pipeline.recording.feed import FrameFeed
 
 _PATIENCE_S = 20.0
 """Longest wait for an instant with all cameras: one that was restarted takes seconds to come back."""
+_CLOSE_S = 10.0
+"""Longest wait for the thread that reads a source after this was closed: one picture of a board."""
 _PICTURE_PX = 640
 """Longer side of a picture for the page."""
 
@@ -54,17 +56,26 @@ def open_source(state: CommissionState) -> LiveSource:
 
 
 def collect_complete(source: LiveSource, count: int, interrupted: threading.Event) -> list[FrameSet]:
-    """Return the next frame sets of all cameras.
+    """Return the next frame sets of all cameras, and close the source.
 
     Raises
     ------
     InputError
         Where there are none for `_PATIENCE_S`; it names the cameras that are not well, and why.
     """
-    feed, complete = FrameFeed(source, None, interrupted), list[FrameSet]()
+    feed = FrameFeed(source, None, interrupted)
+    try:
+        return _collect_complete(feed, source.cameras, count)
+    finally:
+        source.close()
+        feed.join(_CLOSE_S)  # a program must not end while a thread draws a board
+
+
+def _collect_complete(feed: FrameFeed, cameras: tuple[str, ...], count: int) -> list[FrameSet]:
+    complete = list[FrameSet]()
     until_s = time.monotonic() + _PATIENCE_S
     for frames in feed.iterate(_PATIENCE_S):
-        if frames is not None and set(frames.images) == set(source.cameras):
+        if frames is not None and set(frames.images) == set(cameras):
             complete.append(frames)
             until_s = time.monotonic() + _PATIENCE_S
         if len(complete) == count:
@@ -86,6 +97,7 @@ class LiveView:
         self._lock = threading.Condition()
         self._frames: FrameSet | None = None
         self._source: LiveSource | None = None
+        self._thread: threading.Thread | None = None
         self._assessed = ""
         self._has_consumer = False
         self.trouble = ""
@@ -123,7 +135,9 @@ class LiveView:
             except BeltscapeError as error:
                 self.trouble = str(error)
                 return
-        make_supervised_thread("live view", lambda: self._collect(source), self._fail, lambda _: True).start()
+        collect = lambda: self._collect(source)  # noqa: E731
+        self._thread = make_supervised_thread("live view", collect, self._fail, lambda _: True)
+        self._thread.start()
 
     def _fail(self, reason: str) -> None:
         self.trouble = reason
@@ -164,6 +178,8 @@ class LiveView:
             self._lock.notify_all()
         if source is not None:
             source.close()
+        if self._thread is not None:
+            self._thread.join(_CLOSE_S)
 
     def encode_picture(self, camera: str) -> bytes | None:
         """Return a camera's newest picture as JPEG; None while there is none."""

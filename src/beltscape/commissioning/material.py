@@ -14,7 +14,13 @@ from typing import Any
 
 from beltscape.commissioning import trial
 from beltscape.commissioning.project_text import format_table, format_value
-from beltscape.commissioning.state import CommissionState, MeasuredAnswer, RunAnswer, ZeroAnswer
+from beltscape.commissioning.state import (
+    CommissionState,
+    MeasuredAnswer,
+    RunAnswer,
+    SampleAnswer,
+    ZeroAnswer,
+)
 from beltscape.commissioning.steps import TEST_FILE, name_flow
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.ledger import BeltRecord
@@ -52,12 +58,24 @@ def write_test(state: CommissionState) -> None:
     lines = ["".join(f"{key} = {format_value(value)}\n" for key, value in head.items() if value)]
     kinds = {"volume_reference" if run.mass_kg is None else "reference" for run in settings.runs}
     lines += [format_table(kind, reference) for kind in sorted(kinds)]
+    lines += [format_table(name, sample) for name, sample in _list_samples(settings.samples)]
     lines += [format_table("zero", zero) for zero in _list_zero(state)]
     lines += [
         format_table("runs", dict(_list_run(state, run, number)), is_list=True)
         for number, run in enumerate(settings.runs, 1)
     ]
     write_text(state.folder / TEST_FILE, "\n".join(lines))
+
+
+def _list_samples(samples: SampleAnswer) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the tables of the samples that were taken."""
+    if samples.density_kg_m3 is not None:
+        yield "density", {"kg_m3": samples.density_kg_m3, "sigma_kg_m3": samples.density_sigma_kg_m3}
+    if samples.moisture_percent is not None:
+        yield (
+            "moisture",
+            {"percent": samples.moisture_percent, "sigma_percent": samples.moisture_sigma_percent},
+        )
 
 
 def _list_run(state: CommissionState, run: RunAnswer, number: int) -> Iterator[tuple[str, Any]]:

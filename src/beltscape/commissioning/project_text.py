@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from beltscape.commissioning.state import CommissionSettings, CommissionState
 from beltscape.commissioning.steps import BELT, CAMERAS_FILE, MOVING, RIG, find_capture
-from beltscape.core.checks import is_list_or_tuple
+from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.files.atomic import write_text
+from beltscape.files.toml_text import read_toml
 
 
 def format_cameras(settings: CommissionSettings) -> str:
@@ -57,6 +59,25 @@ def format_project(folder: Path, settings: CommissionSettings) -> str:
         lines.append(format_table("density", {"kg_m3": settings.density_kg_m3}))
     lines.append(format_table("web", {"plant": settings.plant}))
     return "\n".join(lines)
+
+
+def list_differences(path: Path, text: str) -> list[str]:
+    """Return a line for every answer that a project.toml which somebody has changed does not have."""
+    present, wanted = _flatten(read_toml(path)), _flatten(tomllib.loads(text))
+    return [
+        f"{path.name}: {key} is {format_value(present[key]) if key in present else 'not there'}, "
+        f"{format_value(value)} was answered; change the file, or move it away and run the step again"
+        for key, value in wanted.items()
+        if present.get(key) != value
+    ]
+
+
+def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of a table and of those in it, by their keys with dots."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        found |= _flatten(value, f"{prefix}{key}.") if is_dict(value) else {prefix + key: value}
+    return found
 
 
 def format_table(name: str, values: Mapping[str, Any], *, is_list: bool = False) -> str:

@@ -1,19 +1,17 @@
 """Runs a step of a commissioning: its preparation, its commands in processes of their own, and what they found.
 
-A command that is killed leaves no half result, and the step stays open; running it again goes on.
+A command that is killed leaves no half result, and the step stays open; running it again goes on. Where the program
+itself is killed, its command ends, too.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
 import subprocess
-import sys
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,7 +36,7 @@ from beltscape.commissioning.steps import (
 )
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Reporter
-from beltscape.core.system_calls import lock_folder
+from beltscape.core.system_calls import begin_dependent
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
 from beltscape.files.json_text import read_json, to_plain
@@ -62,7 +60,8 @@ class StepRun:
 
     def __init__(self, state: CommissionState, reporter: Reporter) -> None:
         self._state, self._reporter = state, reporter
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock: int | None = None
         self._cancelled = threading.Event()
 
     def run(self, name: str) -> Facts:
@@ -79,7 +78,7 @@ class StepRun:
         step = find_step(name)
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
-        with _lock(self._state.folder):
+        with self._state.lock() as self._lock:
             project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
@@ -95,19 +94,18 @@ class StepRun:
         """Run a command in the folder; return its JSON document."""
         if self._cancelled.is_set():
             raise InputError("cancelled")
-        with subprocess.Popen(
-            [sys.executable, "-m", "beltscape", *words, "--json"], cwd=self._state.folder, text=True,
-            encoding="utf-8", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONUTF8": "1"},
-        ) as process:  # fmt: skip
+        locks = [] if self._lock is None else [self._lock]
+        pipe = subprocess.PIPE
+        with begin_dependent((*words, "--json"), self._state.folder, locks, pipe, pipe) as process:
             self._process = process
             listener = threading.Thread(
                 target=self._listen, args=(process,), name="output of a step", daemon=True
             )
             listener.start()
             assert process.stdout is not None
-            text = process.stdout.read()
+            text = process.stdout.read().decode("utf-8", "replace")
             listener.join()
+            process.wait()  # before its standard input is closed, which would end it
         self._process = None
         if self._cancelled.is_set():
             raise InputError("cancelled")
@@ -125,10 +123,10 @@ class StepRun:
             document = self.call(words)
         return document
 
-    def _listen(self, process: subprocess.Popen[str]) -> None:
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None
         for line in process.stderr:
-            text = line.strip()
+            text = line.decode("utf-8", "replace").strip()
             if found := _DONE.fullmatch(text):
                 self._reporter.step(found["stage"], int(found["total"]), int(found["total"]))
             elif text.startswith("warning: "):
@@ -188,11 +186,8 @@ class StepRun:
     def _assess_images(self) -> Facts:
         applied = self._check_cameras("images")
         self._warn_of_rounding(applied)
-        source = open_source(self._state)
-        try:
-            assessed = [assess_all(one.images) for one in collect_complete(source, _SETS, self._cancelled)]
-        finally:
-            source.close()
+        frame_sets = collect_complete(open_source(self._state), _SETS, self._cancelled)
+        assessed = [assess_all(one.images) for one in frame_sets]
         reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():
             if report.fault:
@@ -277,8 +272,12 @@ class StepRun:
 
     def _write_project(self) -> Facts:
         path = self._state.folder / PROJECT
-        if not path.is_file():
-            write_text(path, project_text.format_project(self._state.folder, self._state.settings))
+        text = project_text.format_project(self._state.folder, self._state.settings)
+        if not path.is_file() or self._state.is_as_written(PROJECT):
+            self._state.keep_written(PROJECT, text)
+            write_text(path, text)
+        for line in project_text.list_differences(path, text):
+            self._reporter.warn(line)
         return {"parts": self.call_all("project")["parts"]}
 
     def _test_live(self) -> Facts:
@@ -305,7 +304,7 @@ class StepRun:
             if words[0] == "certify" and state.settings.material_test is None:
                 material.write_test(state)
             document = self.call(words)
-        return {"errors": document["errors"], "notes": document["notes"]}
+        return {"errors": document["errors"], "results": document["results"], "notes": document["notes"]}
 
     def _certify(self) -> Facts:
         issue, listing = list_commands(self._state, "certificate")
@@ -381,17 +380,3 @@ def _set_aside(folder: Path) -> None:
     while (kept := folder.with_name(f"{folder.name}_{number}")).exists():
         number += 1
     folder.rename(kept)
-
-
-@contextmanager
-def _lock(folder: Path) -> Generator[None]:
-    """Let one program at a time run a step in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        handle = lock_folder(folder)
-    except BlockingIOError as error:
-        raise InputError(f"{folder}: another program runs a step of it; wait, or end it") from error
-    try:
-        yield
-    finally:
-        os.close(handle)

@@ -195,9 +195,10 @@ class CommissionSession:
                 if missing := find_missing(self.state, find_step("calibrate")):
                     raise InputError(f"step calibrate: finish the step {missing} first")
                 if self._guided is None:
-                    self._guided = GuidedSession(self.state, self.live)
+                    guided = GuidedSession(self.state, self.live)
                     self.open_cameras()
-                    self._guided.start()
+                    guided.start()
+                    self._guided = guided
                 return
             if self._guided is None:
                 raise InputError("no views are being taken: start first")

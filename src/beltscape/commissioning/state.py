@@ -6,9 +6,12 @@ these exist and what it was made from is unchanged.
 
 from __future__ import annotations
 
+import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from time import time_ns
 from typing import Annotated, Any, Literal
@@ -17,7 +20,16 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.core.quantities import BELT_LENGTH, DENSITY, EXPOSURE, FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.quantities import (
+    BELT_LENGTH,
+    DENSITY,
+    DENSITY_SIGMA,
+    EXPOSURE,
+    FRAME_RATE,
+    LOAD_HEIGHT,
+    MOISTURE,
+)
+from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
 from beltscape.files.toml_text import describe_fault
@@ -91,6 +103,25 @@ class RunAnswer(MeasuredAnswer):
     ticket: _Line = ""
 
 
+class SampleAnswer(_Table):
+    """Samples that were weighed and dried apart from the belt; they tell span factor and bulk density apart."""
+
+    density_kg_m3: Annotated[float, DENSITY] | None = None
+    density_sigma_kg_m3: Annotated[float, DENSITY_SIGMA, Field(gt=0)] | None = None
+    moisture_percent: Annotated[float, MOISTURE, Field(lt=95)] | None = None
+    moisture_sigma_percent: Annotated[float, Field(gt=0, le=20)] | None = None
+
+    @model_validator(mode="after")
+    def _check_sigmas(self) -> SampleAnswer:
+        for value, sigma, name in (
+            (self.density_kg_m3, self.density_sigma_kg_m3, "density_sigma_kg_m3"),
+            (self.moisture_percent, self.moisture_sigma_percent, "moisture_sigma_percent"),
+        ):
+            if (value is None) != (sigma is None):
+                raise ValueError(f"give a sample with its σ, {name}; no sample is known exactly")
+        return self
+
+
 class CommissionSettings(_Table):
     """What the engineer answers; the page's forms and ``--set`` change the same."""
 
@@ -130,6 +161,7 @@ class CommissionSettings(_Table):
     """The table [encoder] of project.toml; empty: a capture's own, or none."""
     operator: _Line = ""
     reference: ReferenceAnswer = ReferenceAnswer()
+    samples: SampleAnswer = SampleAnswer()
     zero: ZeroAnswer = ZeroAnswer()
     runs: Annotated[tuple[RunAnswer, ...], Field(max_length=100)] = ()
     material_test: Path | None = None
@@ -163,6 +195,22 @@ class CommissionState:
         self.settings = validate_settings(document.get("settings", {}))
         self._document, self._seen_ns = document, changed_ns
 
+    @contextmanager
+    def lock(self) -> Generator[int]:
+        """Let one program at a time run a step or take views; yield the lock, which commands inherit.
+
+        InputError while another program does, or a command that a killed one began has not ended yet.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            handle = lock_folder(self.folder)
+        except BlockingIOError as error:
+            raise InputError(f"{self.folder}: another program runs a step of it; wait, or end it") from error
+        try:
+            yield handle
+        finally:
+            os.close(handle)
+
     def change_settings(self, changes: Mapping[str, Any]) -> None:
         """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""
         self.refresh()
@@ -180,6 +228,16 @@ class CommissionState:
             "inputs": {name: _fingerprint(self.folder / name) for name in inputs},
         }
         self._write()
+
+    def keep_written(self, name: str, text: str) -> None:
+        """Remember a text that is about to be written into a file, which is then this program's own."""
+        self.refresh()
+        self._document.setdefault("written", {})[name] = sha256(text.encode()).hexdigest()
+        self._write()
+
+    def is_as_written(self, name: str) -> bool:
+        """Return whether nobody has changed a file since this program wrote it."""
+        return _fingerprint(self.folder / name) == self._document.get("written", {}).get(name)
 
     def reopen(self, step: str) -> None:
         """Forget that a step was finished."""

@@ -53,7 +53,7 @@ STEPS = (
     Step("rig", ("calibrate",), (RIG,)),
     Step("skew", ("rig",), (RIG,)),
     Step("empty", ("rig",), (RIG,), (BELT,)),
-    Step("project", ("empty",), (RIG, BELT), (PROJECT,)),
+    Step("project", ("empty",), (RIG, BELT, CAMERAS_FILE), (PROJECT,)),
     Step("live", ("project",), (RIG, BELT, PROJECT)),
     Step("material", ("project",), (RIG, BELT, PROJECT), (f"{TEST}/test.json",)),
     Step("certificate", ("material",), (f"{TEST}/test.json", RIG, BELT, PROJECT)),

@@ -7,6 +7,7 @@ own in every image. It shows how a commissioning goes, not how good a plant is.
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,12 @@ from beltscape.commissioning.steps import EMPTY, MOVING, SKEW, VIEWS, name_flow
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.atomic import write_text
+from beltscape.files.atomic import write_bytes, write_text
 from beltscape.files.capture import DEMO_FOLDER, read_capture
 from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
-from beltscape.files.times_csv import FILE as TIMES
-from beltscape.files.times_csv import HEADER as TIMES_HEADER
+from beltscape.files.times_csv import append_time
 from beltscape.simulate.board_pictures import BoardPictures
 from beltscape.target.board import corner_points_mm, read_board
 from beltscape.target.planar_boards import SquareBoard
@@ -49,21 +49,26 @@ _SIGMA_PERCENT = 0.1
 """One standard deviation of the true volumes: their cross-sections are stated at every millimetre of belt."""
 
 
+_ANSWERS_OF_TRIAL = {"plant": "Trial plant", "density_kg_m3": 1600.0, "operator": "trial"}
+_ANSWERS = frozenset(_ANSWERS_OF_TRIAL)
+"""Settings of the trial that stay as the engineer has answered them; the others belong to its captures."""
+
+
 def make_trial(state: CommissionState) -> dict[str, Any]:
     """Copy the shipped captures into the folder, and return the settings of the trial plant."""
     folder = state.folder / CAPTURES
     for name, scene in _SCENES.items():
-        _copy(DEMO_FOLDER / scene, folder / name)
+        _make_folder(folder / name, lambda to, scene=scene: _copy(DEMO_FOLDER / scene, to))
     write_text(folder / MOVING / "encoder.csv", _ENCODER)
     for name in ("board.toml", "truth/volume.json", f"truth/{RIG_FILE}"):
-        shutil.copy(DEMO_FOLDER / name, folder)
+        write_bytes(folder / Path(name).name, (DEMO_FOLDER / name).read_bytes())
+    answered = {key: getattr(state.settings, key) for key in _ANSWERS & state.settings.model_fields_set}
     return {
+        **_ANSWERS_OF_TRIAL,
+        **answered,
         "captures": CAPTURES,
         "board": {"file": f"{CAPTURES}/board.toml"},
-        "plant": "Trial plant",
         "load_mm": 200.0,
-        "density_kg_m3": 1600.0,
-        "operator": "trial",
         "reference": {"name": "truth of the simulation", "sigma_percent": _SIGMA_PERCENT},
         "runs": [_make_run(folder, load, number) for number in range(_REPETITIONS) for load in _LOADS],
     }
@@ -81,16 +86,17 @@ def open_board(state: CommissionState) -> SimulatedBoard | None:
 def make_moving_board(state: CommissionState, instants: int) -> None:
     """Write the capture of a board that is swung before the trial's cameras, with the time of every instant."""
     folder = state.folder / CAPTURES
-    if (folder / SKEW / TIMES).is_file():
-        return
     rig, board = _read_rig_and_board(folder)
-    pictures, rows = BoardPictures(rig, board, _read_backgrounds(folder, rig)), list[str]()
-    for number in range(instants):
-        time_s = number / _RATE_HZ
-        for name, image in pictures.render(swing_board(rig, board, time_s), number).items():
-            write_image(folder / SKEW / name / f"{number:03d}.png", image)
-        rows.append(f"{number:03d},{time_s:g}\n")
-    write_text(folder / SKEW / TIMES, ",".join(TIMES_HEADER) + "\n" + "".join(rows))
+
+    def render(to: Path) -> None:
+        pictures = BoardPictures(rig, board, _read_backgrounds(folder, rig))
+        for number in range(instants):
+            time_s = number / _RATE_HZ
+            for name, image in pictures.render(swing_board(rig, board, time_s), number).items():
+                write_image(to / name / f"{number:03d}.png", image)
+            append_time(to, f"{number:03d}", round(time_s * 1e9))
+
+    _make_folder(folder / SKEW, render)
 
 
 def swing_board(rig: Rig, board: SquareBoard, time_s: float) -> Pose:
@@ -121,12 +127,15 @@ def _read_backgrounds(folder: Path, rig: Rig) -> dict[str, Image]:
 def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
     """Copy a load's images as one run; in repetitions with noise of their own."""
     name = f"{load}_{number + 1}"
-    if not (folder / name).is_dir():
-        _copy(DEMO_FOLDER / _LOADS[load], folder / name)
+
+    def make(to: Path) -> None:
+        _copy(DEMO_FOLDER / _LOADS[load], to)
         if number:
-            _add_noise(folder / name, number)
+            _add_noise(to, number)
+
+    _make_folder(folder / name, make)
     write_text(folder / name / "encoder.csv", _ENCODER)
-    whole_m3 = float(_read_cross_sections(folder, load)[1][-1]) * 1e-9
+    whole_m3 = round(float(_read_cross_sections(folder, load)[1][-1]) * 1e-9, 6)  # to a millilitre
     return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
 
 
@@ -139,9 +148,18 @@ def _add_noise(capture: Path, seed: int) -> None:
         write_image(path, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
 
 
+def _make_folder(folder: Path, make: Callable[[Path], None]) -> None:
+    """Make a folder that is there as a whole or not at all, also where the program is killed meanwhile."""
+    if folder.is_dir():
+        return
+    part = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    make(part)
+    part.rename(folder)
+
+
 def _copy(scene: Path, to: Path) -> None:
-    if not to.is_dir():
-        shutil.copytree(scene, to)
+    shutil.copytree(scene, to)
 
 
 def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarray]:

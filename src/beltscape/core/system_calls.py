@@ -1,4 +1,4 @@
-"""System calls that differ between Linux or macOS and Windows: locks, folders, memory, cores, keys, addresses.
+"""System calls that differ between Linux or macOS and Windows: locks, folders, memory, cores, keys, processes.
 
 No other module asks which system it runs on. On Windows a lock is one byte of a file (`msvcrt.locking`), folders
 cannot be opened, and a name in a folder needs no call to be durable. Systemd is told of start and liveness by the
@@ -8,20 +8,30 @@ protocol of sd_notify(3), without its library.
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import sys
 import tempfile
+import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, TextIO
+from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from beltscape.core.errors import SettingsError
+
+if TYPE_CHECKING:
+    from subprocess import Popen
 
 CORES = "BELTSCAPE_CORES"
 """Variable of the environment: the most processor cores that one process may use."""
 
+_DEPENDENT = "BELTSCAPE_DEPENDENT"
+"""Variable of the environment of a command that ends with the program which began it."""
+_END_S = 10.0
+"""Time that such a command has to end in order: one that records closes its cameras in a second or two."""
 _INTERFACE_ADDRESS = 0x8915
 """SIOCGIFADDR of Linux (netdevice(7)): the IPv4 address of an interface, at the bytes 20 to 23 of its record."""
 
@@ -164,6 +174,40 @@ def open_shared_file(name: str) -> int:
     """Return a file of memory that the program which began this process made, open."""
     kind, _, number = name.partition(":")
     return int(number) if kind == "inherited" else os.open(name, os.O_RDWR | getattr(os, "O_BINARY", 0))
+
+
+def begin_dependent(
+    words: Sequence[str], folder: Path, locks: Sequence[int], stdout: int | IO[bytes], stderr: int
+) -> Popen[bytes]:
+    """Begin one of the program's commands in a folder; it ends when this process does, in whatever way.
+
+    A killed process cannot end what it began, but the system closes its end of the pipe that is the command's
+    standard input (`end_with_beginner`). ``locks`` are open files whose lock lasts until the command has ended, too;
+    Windows does not hand them on. ``stdout`` and ``stderr`` are those of `subprocess.Popen`.
+    """
+    import subprocess
+
+    inherited: dict[str, Any] = {} if sys.platform == "win32" else {"pass_fds": tuple(locks)}
+    return subprocess.Popen(
+        [sys.executable, "-m", "beltscape", *words], cwd=folder, stdin=subprocess.PIPE, stdout=stdout,
+        stderr=stderr, env={**os.environ, "PYTHONUTF8": "1", _DEPENDENT: "1"}, **inherited,
+    )  # fmt: skip
+
+
+def end_with_beginner() -> None:
+    """Let a process that was begun by `begin_dependent` end when its beginner does; for any other do nothing."""
+    if os.environ.pop(_DEPENDENT, None) is None:
+        return
+
+    def wait_for_end() -> None:
+        with suppress(OSError):
+            while os.read(0, 1):
+                pass
+        os.kill(os.getpid(), signal.SIGTERM)  # one that is handled reaches the main thread
+        threading.Event().wait(_END_S)
+        os._exit(1)
+
+    threading.Thread(target=wait_for_end, name="beginner", daemon=True).start()
 
 
 def release_memory() -> None:

@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from beltscape.files.csv_table import CsvRow, parse_csv
+from beltscape.files.csv_table import CsvRow, append_rows, parse_csv
 from beltscape.files.images import EXTENSIONS
 from beltscape.files.paths import AnyPath, as_path, read_text
 
 FILE = "times.csv"
 HEADER = ("frame", "timestamp_s")
+
+
+def append_time(capture: Path, frame: str, time_ns: int) -> int:
+    """Append the time of an instant to a capture's times.csv, which is begun if need be; return the bytes written."""
+    return append_rows(capture / FILE, ",".join(HEADER), f"{frame},{format_seconds(time_ns)}\n".encode())
+
+
+def format_seconds(time_ns: int) -> str:
+    """Return a time as seconds with nine decimals."""
+    sign = "-" if time_ns < 0 else ""
+    return f"{sign}{abs(time_ns) // 10**9}.{abs(time_ns) % 10**9:09d}"
 
 
 def read_times(path: AnyPath) -> dict[str, float]:

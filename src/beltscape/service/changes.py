@@ -40,6 +40,8 @@ class Changed:
     """Such as "alarms.overload.mass_flow_t_h"."""
     before: str
     after: str
+    is_content: bool = False
+    """True where the setting is the same, and the file that it names has another content."""
 
 
 def list_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
@@ -70,7 +72,7 @@ def compare(
             shorts = [
                 contents.get(key, "")[:8] or "no file" for contents in (contents_before, contents_after)
             ]
-            yield Changed(key, f"{old} ({shorts[0]})", f"{new} ({shorts[1]})")
+            yield Changed(key, f"{old} ({shorts[0]})", f"{new} ({shorts[1]})", is_content=True)
 
 
 def hash_contents(project: Project[RunSettings]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from beltscape.service.project import open_project
 from beltscape.service.reloader import Reload
 
 Reloads = Callable[[str, str], Reload]
-"""Takes over what changed in the project's files, for a user at an address."""
+"""Takes over the rig's file, for a user at an address; returns what else holds now."""
 
 
 class ServedDrift:
@@ -47,8 +47,10 @@ class ServedDrift:
         zone = open_project(self._project).settings.production.time_zone
         return render_drift(self.read(), language, zone)
 
-    def take(self, number: int, by: str, address: str) -> None:
+    def take(self, number: int, by: str, address: str) -> Sequence[str]:
         """Take the proposal of an estimate, and have the running plant measure with it from the next record on.
+
+        Return the other settings whose files had to be read with it, and had changed.
 
         Raises
         ------
@@ -58,10 +60,12 @@ class ServedDrift:
         with self._lock:
             found = assess_drift(open_project(self._project), self._reporter)
             change = take_proposal(self._data, found, number, by)
-            self._take_over(change, found.rig_path, address)
+            return self._take_over(change, found.rig_path, address)
 
-    def undo(self, by: str, address: str) -> None:
+    def undo(self, by: str, address: str) -> Sequence[str]:
         """Put the former rig back, and have the running plant measure with it from the next record on.
+
+        Return as `take`.
 
         Raises
         ------
@@ -71,12 +75,12 @@ class ServedDrift:
         with self._lock:
             project = open_project(self._project)
             rig_path = project.resolve(project.settings.rig)
-            self._take_over(undo_change(self._data, rig_path, by), rig_path, address)
+            return self._take_over(undo_change(self._data, rig_path, by), rig_path, address)
 
-    def _take_over(self, change: RigChange, rig_path: Path, address: str) -> None:
+    def _take_over(self, change: RigChange, rig_path: Path, address: str) -> Sequence[str]:
         """Reload and audit a change of the rig's file; withdraw it where the running plant refuses it."""
         try:
-            self._reload(change.by, address)
+            done = self._reload(change.by, address)
         except BeltscapeError as error:
             try:
                 withdraw_change(self._data, rig_path, change)
@@ -84,3 +88,4 @@ class ServedDrift:
                 raise InputError(f"{error}; {fault}") from fault
             raise InputError(f"{error}; the rig stays as it was") from error
         self._access.audit.write(f"rig {change.action}", change.by, address, change.detail)
+        return [one.key for one in done.at_once if one.key != "rig"]

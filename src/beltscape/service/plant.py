@@ -136,7 +136,7 @@ def _serve_page(plant: RunningPlant, reloader: SettingsReloader, data: Path) -> 
         production=plant.production,
         reloader=reloader,
         drift=ServedDrift(
-            plant.project.path, data, plant.access, reloader.reload, assembled.components.reporter
+            plant.project.path, data, plant.access, reloader.reload_rig, assembled.components.reporter
         ),
     )
     running = serve(app, web)

@@ -237,9 +237,30 @@ class SettingsReloader:
         BeltscapeError
             One line that names the fault. The old settings stay then, all of them.
         """
+        return self._reload_and_report(lambda found: found, by, address)
+
+    def reload_rig(self, by: str, address: str = "") -> Reload:
+        """Take over the rig's file alone; other settings that differ wait for `reload`.
+
+        Files that belong to the measurement, such as the empty belt, are read with the rig: where their content has
+        changed, it holds, too, and the result names them.
+
+        Raises
+        ------
+        BeltscapeError
+            One line that names the fault. The old rig stays then.
+        """
+        return self._reload_and_report(
+            lambda found: Reload(tuple(one for one in found.at_once if self._is_of_rig(one)), ()), by, address
+        )
+
+    def _is_of_rig(self, one: Changed) -> bool:
+        return one.key == "rig" or (is_of(one.key, MEASURING) and one.is_content)
+
+    def _reload_and_report(self, choose: Callable[[Reload], Reload], by: str, address: str) -> Reload:
         with self._lock:
             try:
-                done = self._reload()
+                done = self._reload(choose)
             except BeltscapeError as error:
                 self._audit.write("settings refused", by, address, {"reason": str(error)})
                 raise
@@ -266,10 +287,11 @@ class SettingsReloader:
         ]
         return Reload(tuple(one for one in changes if one not in waiting), tuple(waiting))
 
-    def _reload(self) -> Reload:
+    def _reload(self, choose: Callable[[Reload], Reload]) -> Reload:
         project, contents = self._read()
-        found = self._compare(project, contents)
-        waiting = {one.key for one in found.restart}
+        compared = self._compare(project, contents)
+        found = choose(compared)
+        waiting = {one.key for one in (*compared.at_once, *compared.restart) if one not in found.at_once}
         settings = keep_values(project.settings, self._plant.project.settings, waiting)
         project = Project(project.path, settings)
         parts = [part for part in PARTS if any(is_of(one.key, part.tables) for one in found.at_once)]

@@ -25,6 +25,7 @@ from beltscape.files.encoder_csv import HEADER, read_encoder
 from beltscape.files.exposures_csv import FILE as EXPOSURES
 from beltscape.files.exposures_csv import HEADER as EXPOSURES_HEADER
 from beltscape.files.exposures_csv import format_exposures
+from beltscape.files.times_csv import format_seconds
 
 ENCODER = "encoder.csv"
 ENCODER_HEADER = ",".join(HEADER)
@@ -124,12 +125,6 @@ def truncate_partial_line(path: Path) -> None:
     whole = data[: data.rfind(b"\n") + 1]
     if whole != data:
         path.write_bytes(whole)
-
-
-def format_seconds(time_ns: int) -> str:
-    """Return a time as seconds with nine decimals."""
-    sign = "-" if time_ns < 0 else ""
-    return f"{sign}{abs(time_ns) // 10**9}.{abs(time_ns) % 10**9:09d}"
 
 
 def encode(image: Image, how: str) -> bytes:

@@ -155,6 +155,23 @@ def test_a_rig_that_does_not_fit_is_refused_by_name(
     assert running.parts is not before
 
 
+def test_a_taken_rig_leaves_other_changes_waiting_and_names_what_is_read_with_it(
+    running: RunningPlant, reloader: SettingsReloader
+) -> None:
+    path, rig = running.project.path, running.project.path.parent / "rig.json"
+    rewrite(path, ("kg_m3 = 1500", "kg_m3 = 1600"), ("port = 0", 'port = 0\nplant = "Belt 9"'))
+    rig.write_text(rig.read_text().replace("}", "} ", 1))
+    assert [one.key for one in reloader.reload_rig("anna").at_once] == ["rig"]
+    assert running.parts.context.density.at(0)[0] == 1500
+    assert running.live_state.settings.plant == ""
+    assert {one.key for one in reloader.find_changes().at_once} == {"density.kg_m3", "web.plant"}
+    belt = path.parent / "empty/depth.tiff"
+    belt.write_bytes(belt.read_bytes() + bytes(1))  # the same belt with other bytes
+    rig.write_text(rig.read_text().replace("}", "} ", 1))
+    assert {one.key for one in reloader.reload_rig("anna").at_once} == {"rig", "empty"}
+    assert {one.key for one in reloader.reload("anna").at_once} == {"density.kg_m3", "web.plant"}
+
+
 def test_a_part_that_fails_takes_all_changes_back(
     running: RunningPlant, reloader: SettingsReloader, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,6 +55,7 @@ def test_an_engineer_takes_the_proposal_and_undoes_it(site, drift, language, the
     assert page.evaluate("document.documentElement.scrollWidth") == wide
     page.click("#drift-take")
     wait_for_text(page, texts["drift.taken"])
+    wait_for_text(page, texts["drift.also"].format(settings="empty, density.table"))
     assert not page.locator("#drift-take").is_visible()
     drift.change_fault = REFUSAL
     page.click("#drift-undo")
@@ -68,6 +69,20 @@ def test_an_engineer_takes_the_proposal_and_undoes_it(site, drift, language, the
     assert [each[0] for each in drift.calls] == ["take", "undo"]
     assert [error for error in site.errors if "409" not in error] == []
     site.errors.clear()
+    page.context.close()
+
+
+def test_the_time_to_the_first_estimate_is_that_of_the_settings(site, drift) -> None:
+    drift.newest_is_there = False
+    texts = read_texts("en")
+    for window_s, said in ((300.0, "5\u00a0min"), (9000.0, "2.5\u00a0h")):
+        drift.window_s = window_s
+        page = open_panel(site, "lang=en", 1300)
+        wait_for_text(page, texts["drift.reference_only"].format(time=said))
+        page.context.close()
+    drift.window_s = 0.0
+    page = open_panel(site, "lang=en", 1300)
+    wait_for_text(page, texts["drift.off"])
     page.context.close()
 
 

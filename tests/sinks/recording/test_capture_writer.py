@@ -14,7 +14,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import read_encoder
 from beltscape.files.images import read_image
-from beltscape.sinks.recording import CaptureWriter, format_seconds
+from beltscape.files.times_csv import format_seconds
+from beltscape.sinks.recording import CaptureWriter
 from tests.thorough import examples
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))

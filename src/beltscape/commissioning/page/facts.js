@@ -39,6 +39,7 @@ export function format_facts({ name, result }) {
   if (result.litres !== undefined) facts.unshift([t("commission.fact.litres"), with_unit(format_measured(result.litres, result.sigma_litres), "litre")]);
   if (name === "skew") facts.unshift(...(result.delays ? Object.entries(result.delays).map(format_delay) : [[t("commission.fact.skew"), t("commission.not_measured")]]));
   if (name === "project") facts.push(...Object.entries(result.parts));
+  for (const one of name === "material" ? result.results ?? [] : []) facts.push([t(`commission.fact.result_${one.key}`), `${format_measured(one.value, one.sigma)}${one.unit ? `\u00a0${one.unit}` : ""}`]);
   for (const error of name === "material" ? result.errors : []) facts.push([t(`commission.fact.error_${error.key.includes("mass") ? "mass" : "volume"}`), `${format_measured(error.value, error.sigma)}\u00a0%`]);
   return facts;
 }

@@ -2,7 +2,7 @@
 import { get } from "../page/script/api.js";
 import { $, create_element } from "../page/script/dom.js";
 import { store } from "../page/script/store.js";
-import { t } from "../page/script/texts.js";
+import { get_language, t } from "../page/script/texts.js";
 import { act, render_steps } from "./steps.js";
 
 const FIELDS = {
@@ -20,10 +20,9 @@ const FIELDS = {
 const OF_CAMERAS = new Set(["exposure_us", "gain_db", "instants", "seconds"]);
 const SOURCES = ["trial", "captures", "cameras"];
 const DEVICES = 8; // rows of the form; more are given in the terminal
-const SPARE_RUNS = 2; // empty ones after those that are there
-const RUN_FIELDS = [["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"], ["capture", "text"], ["begin", "datetime-local"], ["end", "datetime-local"]];
+const LEAST_RUNS = 2; // and an empty one after those that are there
+const RUN_FIELDS = [["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"], ["capture", "text"]];
 const NULLABLE = new Set(["file", "capture", "begin", "end"]);
-const MOMENTS = new Set(["begin", "end"]);
 
 const read_path = (settings, path) => path.split(".").reduce((value, key) => value?.[key], settings);
 
@@ -45,7 +44,7 @@ export function create_form(name, state) {
     if (OF_CAMERAS.has(path) && settings.source !== "cameras") continue;
     form.append(create_field(path, kind, read_path(settings, path)));
   }
-  if (name === "material") form.append(create_zero(settings), ...create_runs(settings));
+  if (name === "material") form.append(create_samples(settings), create_zero(settings), ...create_runs(settings));
   if (name === "rig") form.append(create_element("label", { class: "choice wide" }, create_element("input", { type: "checkbox", name: "accept_doubts", checked: settings.accept_doubts }), create_element("span", {}, t("commission.field.accept_doubts"))));
   return form;
 }
@@ -123,18 +122,31 @@ async function stamp(part, edge) {
   }
 }
 
+function create_samples({ samples }) {
+  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.samples")), create_element("p", { class: "soft" }, t("commission.samples_about")),
+    create_element("div", { class: "form" }, ...Object.entries(samples).map(([key, value]) => create_field(`samples.${key}`, "number", value))));
+}
+
 function create_zero({ zero }) {
   const fields = [["revolutions", "number"], ["belt_length_m", "number"], ["capture", "text"]].map(([key, kind]) => create_field(`zero.${key}`, kind, zero[key]));
-  const begin = create_element("label", {}, t("commission.field.begin"), create_element("input", { name: "zero.begin", type: "datetime-local", step: 1, value: to_local(zero.begin) }));
   return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.zero")), create_element("p", { class: "soft" }, t("commission.zero_about")),
-    create_element("div", { class: "form" }, ...fields, begin), create_element("div", { class: "row actions" }, create_stamp("zero", "begin"), create_element("span", { id: "turns", class: "soft", role: "status" })));
+    create_element("div", { class: "form" }, ...fields), create_element("div", { class: "row actions" }, create_stamp("zero", "begin"), create_element("span", { id: "turns", class: "soft", role: "status" })),
+    create_moments(zero, [["begin", { name: "zero.begin" }]]));
+}
+
+/** Return the moments of a measurement as a text, and their fields, which are opened to correct them. */
+function create_moments(measured, edges) {
+  const format = (iso) => (iso ? new Intl.DateTimeFormat(get_language(), { dateStyle: "medium", timeStyle: "medium" }).format(new Date(iso)) : "–");
+  const fields = edges.map(([edge, more]) => create_element("label", {}, t(`commission.field.${edge}`), create_element("input", { type: "datetime-local", step: 1, value: to_local(measured[edge]), ...more })));
+  return create_element("details", { class: "moments" }, create_element("summary", {}, edges.map(([edge]) => `${t(`commission.field.${edge}`)}: ${format(measured[edge])}`).join("; ")), create_element("div", { class: "form" }, ...fields));
 }
 
 function create_runs({ runs }) {
-  const rows = Array.from({ length: runs.length + SPARE_RUNS }, (_, i) => runs[i] ?? {});
+  const rows = Array.from({ length: Math.max(LEAST_RUNS, runs.length + 1) }, (_, i) => runs[i] ?? {});
   return rows.map((run, i) => create_element("fieldset", { class: "run", "data-run": i }, create_element("legend", {}, t("commission.run", { number: i + 1 })),
-    create_element("div", { class: "form" }, ...RUN_FIELDS.map(([key, kind]) => create_element("label", {}, t(`commission.field.${MOMENTS.has(key) ? key : `run_${key}`}`), create_element("input", { type: kind, step: kind === "datetime-local" ? 1 : kind === "number" ? "any" : null, "data-key": key, value: (MOMENTS.has(key) ? to_local(run[key]) : run[key]) ?? null, autocomplete: "off" })))),
-    create_element("div", { class: "row actions" }, create_stamp(i, "begin"), create_stamp(i, "end"))));
+    create_element("div", { class: "form" }, ...RUN_FIELDS.map(([key, kind]) => create_element("label", {}, t(`commission.field.run_${key}`), create_element("input", { type: kind, step: kind === "number" ? "any" : null, "data-key": key, value: run[key] ?? null, autocomplete: "off" })))),
+    create_element("div", { class: "row actions" }, create_stamp(i, "begin"), create_stamp(i, "end")),
+    create_moments(run, ["begin", "end"].map((edge) => [edge, { "data-key": edge }]))));
 }
 
 /** Return what an input holds; null: nothing. */

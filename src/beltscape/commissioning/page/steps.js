@@ -9,6 +9,8 @@ import { render_optics, stop_optics } from "./optics.js";
 import { render_views } from "./views.js";
 
 const ICONS = { done: "good", open: "waiting", blocked: "unknown", outdated: "unusable", failed: "unusable", running: "rising" };
+const SECOND_PRESS_MS = 1000;
+let offered_ms = -SECOND_PRESS_MS; // when a button took the place of the one that was pressed
 let chosen = location.hash.slice(1);
 let shown = ""; // step and settings that the form was made for
 
@@ -35,7 +37,7 @@ export async function act(path, body = {}) {
     store.emit("answer", await post(path, body));
     return true;
   } catch (error) {
-    show_problem(error.message);
+    show_problem(error.status === undefined ? t("commission.unsent") : error.message); // no status: nobody answered
     return false;
   }
 }
@@ -95,7 +97,7 @@ function show_step(step, state) {
   sync_children($("step-progress"), step.status === "running" ? state.progress : [], (line) => line, (line) => create_element("li", {}, line), () => {});
   const facts = step.result && step.status !== "running" ? format_facts(step) : [];
   sync_children($("step-facts"), facts, ([name, value]) => `${name} ${value}`, ([name, value]) => create_element("div", {}, create_element("dt", {}, name), create_element("dd", {}, value)), () => {});
-  sync_children($("step-files"), step.files, (file) => file, (file) => create_element("li", {}, create_element("a", { class: "plain", href: `api/commission/files/${file}`, target: "_blank", rel: "noopener" }, file)), () => {});
+  sync_children($("step-files"), step.files, (file) => file, (file) => create_element("li", {}, create_element("a", { class: "plain", href: `api/commission/files/${file}`, target: "_blank", rel: "noopener", title: file }, name_file(file))), () => {});
   set_text($("step-commands"), [...step.commands, `beltscape commission ${quote(state.folder)} --step ${step.name}`].join("\n"));
   show_faults(step, state);
   if (step.name === "material") set_text($("turns"), state.turns === null ? "" : t("commission.turns", { turns: format_significant(state.turns), needed: state.settings.zero.revolutions }));
@@ -109,27 +111,46 @@ function show_faults(step, { live }) {
   sync_children($("live-faults"), faults, ({ camera, text }) => `${camera} ${text}`, ({ camera, key, values, text }) => create_element("li", {}, `${camera}: ${key ? t(`cause.${key}`, values) : text}`), () => {});
 }
 
+/** Return what a result file is called: by its place, as the steps write it. */
+function name_file(file) {
+  const [folder] = file.split("/");
+  if (folder.startsWith("flow_")) return t("commission.file.flow", { name: folder.slice(5) });
+  if (file.startsWith("data/certificates/")) return t("commission.file.certificate", { name: file.split("/").at(-1).replace(/\.html$/, "") });
+  return t(`commission.file.${{ "board/board.pdf": "board", "rig/coverage.png": "coverage", "belt.html": "belt" }[file] ?? "report"}`);
+}
+
 const quote = (text) => (/^[\w./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 function show_actions(step, state) {
   const is_running = step.status === "running";
   const is_busy = Boolean(state.running);
   const buttons = [];
-  if (is_running) buttons.push(["cancel", t("commission.cancel"), () => act("api/commission/cancel"), false, false]);
+  if (is_running) buttons.push(["cancel", t("commission.cancel"), cancel, false, false]);
   else {
     const text = step.status === "done" ? t("commission.again") : t(`commission.do.${step.name}`);
     buttons.push(["run", text, () => run_step(step.name), step.status === "blocked" || is_busy, step.status !== "done"]);
     const next = state.steps[state.steps.findIndex((one) => one.name === step.name) + 1];
     if (step.status === "done" && next) buttons.push(["next", t("commission.next", { step: t(`commission.step.${next.name}`) }), () => choose_step(next.name), false, true]);
   }
+  const had_focus = $("step-actions").contains(document.activeElement);
   sync_children($("step-actions"), buttons, ([key]) => key,
     ([key]) => create_element("button", { type: "button", id: `do-${key}` }),
     (button, [, text, action, is_off, is_main]) => { set_text(button, text); button.disabled = is_off; button.className = is_main ? "plain main" : "plain"; button.onclick = action; });
+  if (had_focus && !$("step-actions").contains(document.activeElement)) {
+    // the button that was pressed has given way to another one, where the keyboard goes on
+    ($("do-next") ?? $("step-actions").lastChild)?.focus();
+    offered_ms = performance.now();
+  }
   if (step.status === "blocked" && step.missing) show_problem(t("commission.first", { step: t(`commission.step.${step.missing}`) }));
+}
+
+/** End the step that runs; a second press of the key that began it, on the button that took its place, does not. */
+function cancel() {
+  if (performance.now() - offered_ms > SECOND_PRESS_MS) act("api/commission/cancel");
 }
 
 async function run_step(name) {
   const changes = read_form(name, store.state);
   if (Object.keys(changes).length && !(await act("api/commission/settings", { changes }))) return;
-  if (await act(`api/commission/run/${name}`)) $("step-state").focus?.();
+  await act(`api/commission/run/${name}`);
 }

@@ -45,7 +45,8 @@ function show_coach(views) {
   const [strong, more] = $("views-coach").children;
   $("views-coach").dataset.tone = views.moved ? "bad" : views.is_enough ? "good" : "";
   set_text(strong, views.moved ? t("commission.views.moved", { camera: views.moved }) : views.is_enough ? t("commission.views.enough") : t(`commission.view.${views.verdict}`, { camera: views.camera }));
-  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble || (views.is_scoring ? t("commission.views.scoring") : views.score ? "" : t("commission.views.first")));
+  const waits = views.is_scoring ? t("commission.views.scoring") : views.score || views.verdict === "resuming" ? "" : t("commission.views.first");
+  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble || waits);
 }
 
 function show_scores({ taken, score, tolerance_mm }) {
@@ -84,7 +85,8 @@ function update_eye(eye, { name, views }) {
   const covered = cells.filter((cell) => cell === REACHED).length;
   set_text(eye.firstChild.lastChild, t("commission.views.of_camera", { corners: corners.length, share: format_percent(Math.min(1, covered / Math.max(needed, 1))) }));
   const view = eye.lastChild;
-  view.querySelector("img").src = `api/commission/pictures/${encodeURIComponent(name)}?${Date.now()}`;
+  view.style.aspectRatio = `${width} / ${height}`;
+  if (views.verdict !== "resuming") view.querySelector("img").src = `api/commission/pictures/${encodeURIComponent(name)}?${Date.now()}`;
   view.querySelector("svg")?.remove();
   view.append(create_svg("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true" }, ...draw_cells(views.cells[name], width, height), ...draw_ghost(views.ghost[name]), ...corners.map(([u, v]) => create_svg("circle", { class: "corner", cx: u, cy: v, r: width / 150 }))));
 }

@@ -72,6 +72,8 @@ class RigDrift:
     """Of each estimate."""
     volume_mm3: float
     """What was measured in the week before the newest estimate."""
+    window_s: float
+    """Running time that an estimate is of, by the present settings; 0: none is made."""
 
     @property
     def newest(self) -> StoredDrift | None:
@@ -106,7 +108,8 @@ def assess_drift(project: Project[RunSettings], reporter: Reporter) -> RigDrift:
         effects = tuple(_compute_effect(gains, one.document) for one in estimates)
     proposed = propose_rig(rig, estimates[-1].document) if estimates else None
     began_ns = None if first is None else first.wall_ns
-    return RigDrift(rig_path, digest, estimates, began_ns, proposed, effects, sums.volume_mm3)
+    window_s = settings.watch.drift_every_s * settings.watch.drift_frames
+    return RigDrift(rig_path, digest, estimates, began_ns, proposed, effects, sums.volume_mm3, window_s)
 
 
 _TYPICAL_SHARE = 0.1
@@ -220,6 +223,7 @@ def make_drift_document(found: RigDrift) -> dict[str, Any]:
         "rig": str(found.rig_path),
         "rig_sha256": found.digest,
         "reference_ns": found.began_ns,
+        "window_s": found.window_s,
         "estimates": [
             _describe_estimate(one, each) for one, each in zip(found.estimates, found.effects, strict=True)
         ],

@@ -13,10 +13,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.interfaces import LiveSource
 from beltscape.core.progress import Reporter
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.files.csv_table import append_rows
-from beltscape.files.times_csv import FILE as TIMES
-from beltscape.files.times_csv import HEADER as TIMES_HEADER
-from beltscape.sinks.recording import CaptureWriter, format_seconds
+from beltscape.files.times_csv import append_time
+from beltscape.sinks.recording import CaptureWriter
 from beltscape.sources.encoder.opening import Encoder
 
 QUEUE = 32
@@ -38,7 +36,8 @@ class FrameFeed:
         self._failure = ""
         self.dropped = 0
         """Frame sets that were not written in time."""
-        make_supervised_thread("feed", self._collect, self._fail, interrupted.wait).start()
+        self._thread = make_supervised_thread("feed", self._collect, self._fail, interrupted.wait)
+        self._thread.start()
 
     def _fail(self, reason: str) -> None:
         """Keep the reason; the source is iterated over again."""
@@ -60,6 +59,10 @@ class FrameFeed:
         with self._wake:
             self._closed = True
             self._wake.notify()
+
+    def join(self, wait_s: float) -> None:
+        """Wait until the thread has ended, which it does with the source; at most ``wait_s``."""
+        self._thread.join(wait_s)
 
     def clear(self) -> None:
         """Forget the frame sets that wait: the next one is new."""
@@ -153,8 +156,7 @@ def record_sequence(
             continue
         writer.write(numbered)
         if numbered.position_mm is None and numbered.time_ns is not None:  # else encoder.csv has its time
-            row = f"{numbered.frame},{format_seconds(numbered.time_ns)}\n"
-            append_rows(writer.folder / TIMES, ",".join(TIMES_HEADER), row.encode())
+            append_time(writer.folder, numbered.frame, numbered.time_ns)
         written += 1
         incomplete += bool(missing)
         without_position += frames.position_mm is None

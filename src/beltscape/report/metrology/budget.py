@@ -40,7 +40,7 @@ def render_budget(document: Mapping[str, Any], language: str, zone: str) -> str:
     ]  # fmt: skip
     title = "budget.title" if document["unit"] == "t" else "budget.title_volume"
     return render(
-        texts(title, total=name_total(document["total"])),
+        texts(title, total=name_total(document["total"], texts)),
         summarise_budget(document, texts),
         sections,
         warnings=list_notes(document, texts),

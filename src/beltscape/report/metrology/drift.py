@@ -27,7 +27,7 @@ def render_drift(document: Mapping[str, Any], language: str, zone: str) -> str:
     sections = [Section("", "", [Tiles(_make_tiles(document, texts))])]
     if document["estimates"]:
         sections += [
-            Section(texts("drift.over_time"), texts("drift.over_time_intro"),
+            Section(texts("drift.over_time"), texts("drift.over_time_intro", time=_format_window(document, texts)),
                     [Chart.draw(partial(_plot, document, texts), texts("drift.caption"), _make_key(document))]),
             Section(texts("drift.proposal"), texts("drift.proposal_intro"),
                     [_make_camera_table(document, texts), Lines(_list_actions(document, texts))]),
@@ -47,7 +47,10 @@ def render_drift(document: Mapping[str, Any], language: str, zone: str) -> str:
 def summarise_drift(document: Mapping[str, Any], texts: Texts) -> str:
     """Return the result in one sentence."""
     if not document["estimates"]:
-        return texts("drift.none_yet" if document["reference_ns"] is None else "drift.reference_only")
+        key = "drift.none_yet" if document["reference_ns"] is None else "drift.reference_only"
+        return (
+            texts(key, time=_format_window(document, texts)) if document["window_s"] else texts("drift.off")
+        )
     if not document["has_proposal"]:
         return texts("drift.still")
     who = document["moved"]
@@ -55,6 +58,13 @@ def summarise_drift(document: Mapping[str, Any], texts: Texts) -> str:
     return texts(
         key, camera=who, litres=_format_litres(document, texts), percent=_format_percent(document, texts)
     )
+
+
+def _format_window(document: Mapping[str, Any], texts: Texts) -> str:
+    """Return the running time of an estimate in hours, or in minutes where it is less than one."""
+    hours = document["window_s"] / 3600
+    value, unit = (hours, "h") if hours >= 1 else (60 * hours, "min")
+    return f"{texts.number(value, 0 if value == round(value) else 1)} {unit}"
 
 
 def _format_litres(document: Mapping[str, Any], texts: Texts) -> str:

@@ -34,7 +34,7 @@ def render_explanation(document: Mapping[str, Any], language: str, zone: str) ->
         _make_section("stretches", "explain.stretches_intro", list(_list_stretches(document, texts)), texts),
     ]
     return render(
-        texts("explain.title", total=document["batch_name"] or name_total(document["total"])),
+        texts("explain.title", total=document["batch_name"] or name_total(document["total"], texts)),
         summarise_total(document, texts),
         sections,
         warnings=list_remarks(document, texts),
@@ -43,8 +43,10 @@ def render_explanation(document: Mapping[str, Any], language: str, zone: str) ->
     )
 
 
-def name_total(total: str) -> str:
+def name_total(total: str, texts: Texts) -> str:
     """Return a total for a title: a day or a year without the word before it."""
+    if total == "all":
+        return texts("total.all")
     kind, _, rest = total.partition(":")
     return rest if kind in ("day", "year") else total
 

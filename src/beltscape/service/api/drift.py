@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Protocol, TypeVar
 
 from fastapi import APIRouter, Depends, HTTPException, Query, Request
@@ -31,12 +31,12 @@ class DriftControl(Protocol):
         """Return its report."""
         ...
 
-    def take(self, number: int, by: str, address: str) -> None:
-        """Take the proposal of an estimate."""
+    def take(self, number: int, by: str, address: str) -> Sequence[str]:
+        """Take the proposal of an estimate; return what else holds now."""
         ...
 
-    def undo(self, by: str, address: str) -> None:
-        """Put the former rig back."""
+    def undo(self, by: str, address: str) -> Sequence[str]:
+        """Put the former rig back; return what else holds now."""
         ...
 
 
@@ -60,6 +60,10 @@ class DriftOut(ResponseModel):
     change_percent: float | None
     change_sigma_percent: float | None
     can_undo: bool
+    window_s: float
+    """Running time that an estimate is of; 0: none is made."""
+    also: list[str]
+    """Other settings whose changed files were read with the rig when it was taken or put back."""
 
 
 class TakeDrift(BaseModel):
@@ -89,14 +93,14 @@ def make_router(drift: DriftControl) -> APIRouter:
     @router.post("/take", responses=describe_refusals(409))
     def take(body: TakeDrift, request: Request, user: Engineer) -> DriftOut:
         """Measure with the proposed rig from the next record on."""
-        _refuse(lambda: drift.take(body.number, user.name, get_address(request)))
-        return _describe(_refuse(drift.read))
+        also = _refuse(lambda: drift.take(body.number, user.name, get_address(request)))
+        return _describe(_refuse(drift.read), also)
 
     @router.post("/undo", responses=describe_refusals(409))
     def undo(request: Request, user: Engineer) -> DriftOut:
         """Measure with the rig before the last one taken from the next record on."""
-        _refuse(lambda: drift.undo(user.name, get_address(request)))
-        return _describe(_refuse(drift.read))
+        also = _refuse(lambda: drift.undo(user.name, get_address(request)))
+        return _describe(_refuse(drift.read), also)
 
     return router
 
@@ -108,7 +112,7 @@ def _refuse(call: Callable[[], Result]) -> Result:
         raise HTTPException(409, str(error)) from error
 
 
-def _describe(document: dict[str, Any]) -> DriftOut:
+def _describe(document: dict[str, Any], also: Sequence[str] = ()) -> DriftOut:
     last = document["estimates"][-1] if document["estimates"] else {}
     changes = document["changes"]
     return DriftOut(
@@ -117,8 +121,9 @@ def _describe(document: dict[str, Any]) -> DriftOut:
         change_percent=last.get("volume_percent"),
         change_sigma_percent=last.get("volume_sigma_percent"),
         can_undo=bool(changes) and changes[-1]["action"] == "taken",
+        also=list(also),
         **{name: document[name] for name in (
             "newest", "moved", "has_proposal", "needs_new_belt", "is_significant",
-            "change_litres", "change_sigma_litres",
+            "change_litres", "change_sigma_litres", "window_s",
         )},
     )  # fmt: skip

@@ -40,7 +40,7 @@ async function change(parts, request, done) {
 
 function show(parts, drift, done) {
   const { found, undo, take } = parts;
-  const lines = [...(done ? [t(done)] : []), describe(drift)];
+  const lines = [...(done ? [t(done)] : []), ...(drift.also.length ? [t("drift.also", { settings: drift.also.join(", ") })] : []), describe(drift)];
   if (drift.has_proposal && !drift.is_significant) lines.push(t("drift.insignificant"));
   if (drift.needs_new_belt) lines.push(t("drift.core"));
   const report = create_element("a", { href: `api/drift/report?language=${get_language()}`, target: "_blank", rel: "noopener" }, t("drift.report"));
@@ -51,12 +51,16 @@ function show(parts, drift, done) {
 }
 
 function describe(drift) {
-  if (!drift.estimates) return t(drift.has_reference ? "drift.reference_only" : "drift.none_yet");
+  if (!drift.estimates && !drift.window_s) return t("drift.off");
+  if (!drift.estimates) return t(drift.has_reference ? "drift.reference_only" : "drift.none_yet", { time: format_window(drift.window_s / 3600) });
   if (!drift.has_proposal) return t("drift.still");
   const with_sigma = (value, sigma, digits) => `${format_number(value, digits)} ± ${format_number(sigma, digits)}`;
   const values = { camera: drift.moved, litres: with_sigma(drift.change_litres, drift.change_sigma_litres, 0), percent: with_sigma(drift.change_percent, drift.change_sigma_percent, 2) };
   return t(drift.moved === "all" ? "drift.moved_all" : "drift.moved_one", values);
 }
+
+/** Return a running time in hours, or in minutes where it is less than one. */
+const format_window = (hours) => (hours >= 1 ? `${format_number(hours, Number.isInteger(hours) ? 0 : 1)}\u00a0h` : `${format_number(60 * hours, 0)}\u00a0min`);
 
 /** Show why it cannot be read or changed: the program's own line, which names the cause and the fix. */
 function show_problem(problem, error) {

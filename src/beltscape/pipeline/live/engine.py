@@ -28,7 +28,7 @@ from beltscape.pipeline.live.gauges import CapacityMeter
 from beltscape.pipeline.live.intake import Arrival
 from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.reporting import RepairNotice
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
 
 
 class OperatorControls:

@@ -31,9 +31,10 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import MeasurementRequest
 from beltscape.pipeline.reconstructing.match_ahead import Submit
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
 from beltscape.workers.transport import SharedObject
 
 _SECTION_CELL_MM = 5.0

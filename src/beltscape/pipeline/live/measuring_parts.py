@@ -32,8 +32,9 @@ from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import describe_measured_by, hash_empty_belt
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
-from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
+from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, MatcherFactory
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")

@@ -28,8 +28,9 @@ from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
 from beltscape.workers.transport import SharedObject
 
 _OTHER_RAD = 1.5e-3

@@ -15,11 +15,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.belt.monitor import BareBeltHeights, measure_bare_belt
+from beltscape.health.image_statistics import ImageSample, sample_images
 from beltscape.health.images.belt_images import BeltImageSampler, BeltImageSamples, SampleRequest
 from beltscape.health.images.obstruction import LightMap, compute_block_rays, sample_light
 from beltscape.health.settings import BeltLimits
@@ -69,6 +69,16 @@ class CamerasAhead:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImageRequest:
+    """What the checks of the images need of a frame."""
+
+    left_out: Mapping[str, Image]
+    """The images that are checked, but not matched."""
+    window_cameras: tuple[str, ...] | None
+    """Cameras whose light shows dirt on their windows; None: it is not searched."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeasurementRequest:
     """What to measure in a frame."""
 
@@ -79,8 +89,8 @@ class MeasurementRequest:
     """What to sample of the images; None: nothing."""
     ahead: int
     """Number of frames that were submitted before and are not measured yet."""
-    window_light: Mapping[str, Float32Array] | None = None
-    """Levels that show dirt on the windows; None: it is not searched."""
+    images: ImageRequest | None = None
+    """The checks of the images; None: they are not checked."""
     cameras: CameraRequest | None = None
     """The check of the cameras; None: they are not checked."""
 
@@ -92,6 +102,7 @@ class FrameMeasurements:
     prepared: PreparedDepth
     bare_belt: BareBeltHeights | None
     samples: BeltImageSamples | None
+    images: Mapping[str, ImageSample] | None
     light: Mapping[str, LightMap] | None
     cameras: MeasuredCameras | None
 
@@ -107,11 +118,15 @@ class FrameMeasurer:
     def measure(self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest) -> FrameMeasurements:
         """Return what is requested of a frame with its depth."""
         reference, limits = request.reference.value, request.limits
+        images = None
+        if request.images is not None:
+            images = sample_images({**frame_set.images, **request.images.left_out})
         return FrameMeasurements(
             prepare_depth(depth, reference),
             measure_bare_belt(depth, reference, limits) if limits.enabled else None,
             self._sample_images(frame_set, depth, request),
-            self._sample_light(depth, request.window_light),
+            images,
+            self._sample_light(depth, request.images, images),
             self._check_cameras(frame_set, depth, request.cameras),
         )
 
@@ -138,10 +153,11 @@ class FrameMeasurer:
         return self._sampler.sample(frame_set, depth, request.samples)
 
     def _sample_light(
-        self, depth: DepthMap, levels: Mapping[str, Float32Array] | None
+        self, depth: DepthMap, request: ImageRequest | None, images: Mapping[str, ImageSample] | None
     ) -> dict[str, LightMap] | None:
-        if levels is None:
+        if request is None or request.window_cameras is None or images is None:
             return None
+        levels = {name: images[name].statistics.level for name in request.window_cameras if name in images}
         self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
         return sample_light(levels, self._rig, self._rays, depth)
 

@@ -25,16 +25,13 @@ from beltscape.core.progress import Reporter, Silent
 from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
 from beltscape.kernels import gpu_failures
-from beltscape.pipeline.reconstructing.checked_matcher import (
-    CheckedMatcher,
-    MonitoredMatcher,
-    PendingFrame,
-)
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import (
     FrameMeasurer,
     MeasuredDepth,
     MeasurementRequest,
 )
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher, PendingFrame
 from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor

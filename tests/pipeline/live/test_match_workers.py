@@ -13,7 +13,7 @@ import pytest
 from beltscape.files.images import read_image, write_image
 from beltscape.health.belt import monitor as belt_monitor
 from beltscape.health.images import monitor as image_monitor
-from beltscape.measure.flow import meter
+from beltscape.measure.flow import blocks, meter
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.reconstructing.match_ahead import count_workers
 from beltscape.service.project import open_project
@@ -98,19 +98,25 @@ def test_images_that_fail_their_checks_are_left_out_with_workers_as_without(plan
     assert {"lens_covered", "frozen_image"} <= set(faults)
 
 
-MEASURES = (meter, "prepare_depth"), (belt_monitor, "measure_bare_belt"), (image_monitor, "sample_images")
+OF_A_FRAME = ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt"), (image_monitor, "sample_images"))
 
 
 def test_workers_measure_what_needs_nothing_of_the_sequence(
     plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here: list[str] = []
-    for module, name in MEASURES:
+    for module, name in (*OF_A_FRAME, (blocks, "fill_holes")):
         measure = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *given, m=measure, n=name: here.append(n) or m(*given))
+
+        def call(*given, m=measure, n=name, **named):
+            here.append(n)
+            return m(*given, **named)
+
+        monkeypatch.setattr(module, name, call)
     _, watched, _ = replay(plant, 0)
     frames = len(watched.frames)
-    assert [here.count(name) for _, name in MEASURES] == [frames] * len(MEASURES)
+    assert [here.count(name) for _, name in OF_A_FRAME] == [frames] * len(OF_A_FRAME)
+    assert here.count("fill_holes")
     here.clear()
     replay(plant, 2)
     assert here == []

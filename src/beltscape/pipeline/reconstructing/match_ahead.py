@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from uuid import uuid4
 
 import numpy as np
@@ -36,6 +36,7 @@ from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchP
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
+from beltscape.workers.calls import Call, Caller, CallsOfPool
 from beltscape.workers.options import WorkerOptions
 from beltscape.workers.processes import ProcessPool
 from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
@@ -309,6 +310,11 @@ def open_workers(
         yield MatchWorkers(pool, make_matcher, files, reporter, sends_images=options.address is None)
 
 
+def run_live_task(shared: None, task: MatchTask | Call[Any]) -> Any:
+    """Return the depth of a frame with what was measured in it, or the value of a call."""
+    return task.make() if isinstance(task, Call) else match_frame(shared, task)
+
+
 Submit = Callable[[FrameSet, MeasurementRequest], PendingFrame]
 """Checks the images of a frame set, begins to match it and to measure in it what is requested."""
 
@@ -332,6 +338,11 @@ class LiveWorkers:
         """Return the number of frame sets to submit at most: one for each process, and one that waits."""
         return self.pool.workers + 1
 
+    @property
+    def calls(self) -> Caller:
+        """Return what has the processes make calls beside the matches."""
+        return CallsOfPool(self.pool)
+
     def count_matched_per_s(self) -> float:
         """Return how many frame sets the processes match in a second; inf before the first one."""
         return self.pool.count_tasks_per_s()
@@ -349,4 +360,4 @@ class LiveWorkers:
 def open_live_workers(setting: int | Literal["auto"]) -> LiveWorkers | None:
     """Return the workers for the setting; None where frame sets are matched in this process."""
     count = count_workers(setting)
-    return LiveWorkers(ProcessPool(match_frame, None, count)) if count else None
+    return LiveWorkers(ProcessPool(run_live_task, None, count)) if count else None

@@ -167,7 +167,8 @@ class RowFiller:
         near = whole.cut(behind - self._first, ahead - self._first)
         own = self._done - behind, stop - behind
         has_piece = self._watch is not None
-        block = Block(self._grid, near.planes, near.by_row, own, self._done, has_piece)
+        # contiguous: on its way to a worker it is copied once
+        block = Block(self._grid, np.ascontiguousarray(near.planes), near.by_row, own, self._done, has_piece)
         self._done = stop
         keep = max(self._first, stop - self._margin)
         self._rows, self._first = [whole.cut(keep - self._first)], keep

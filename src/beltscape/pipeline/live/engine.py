@@ -240,15 +240,21 @@ class Engine(OperatorControls):
                 gauges.last_lump_mm,
                 gauges.full_area_mm2,
                 gauges.capacity,
+                self._view_mm,
             )
         )
+
+    @property
+    def _view_mm(self) -> float:
+        """Return the length of belt that a frame set sees."""
+        low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
+        return abs(high_mm - low_mm)
 
     def _tell_capacity(self, elapsed_s: float, own_s: float) -> None:
         """Take over how long a frame set took; the first time that the capacity is known it is an event."""
         self._capacity.add(elapsed_s, own_s)
         gauges, before = self._components.gauges, self._components.gauges.capacity
-        low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
-        gauges.capacity = self._capacity.compute(abs(high_mm - low_mm))
+        gauges.capacity = self._capacity.compute(self._view_mm)
         if math.isnan(before.sets_per_s) and not math.isnan(gauges.capacity.sets_per_s):
             rate, speed = f"{gauges.capacity.sets_per_s:.3g}", f"{gauges.capacity.speed_mm_s * 1e-3:.3g}"
             text = make_event_text("capacity_measured", rate=rate, speed=speed)

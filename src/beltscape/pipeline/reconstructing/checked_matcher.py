@@ -29,7 +29,6 @@ from beltscape.pipeline.reconstructing.camera_checks import (
     select_consistent,
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
-    CameraRequest,
     CamerasAhead,
     MeasurementRequest,
 )
@@ -146,17 +145,20 @@ class CheckedMatcher:
             names = self._select_auxiliaries(frame_set)
             key = self._select_matcher(names, frame_set)
             if request is not None:
-                request = replace(request, cameras=self._request_check(frame_set, request.ahead))
+                request = self._request_check(frame_set, request)
             depth = pool.submit(frame_set, key, lambda: self._get_matcher(key), request)
             return PendingMatch(names, depth, request)
         except ReconstructionError:  # `measure` raises it when it is this frame's turn
             return None
 
-    def _request_check(self, frame_set: FrameSet, ahead: int) -> CameraRequest | None:
-        """Return the request of a check of the cameras where one will probably be due."""
-        if not self._schedule.expects(frame_set, ahead):
-            return None
-        return self._cameras.make_request(list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries))
+    def _request_check(self, frame_set: FrameSet, request: MeasurementRequest) -> MeasurementRequest:
+        """Return the request with a check of the cameras: where one will probably be due, or the depth is unusual."""
+        is_expected = self._schedule.expects(frame_set, request.ahead)
+        usual = None if is_expected else self._schedule.passed
+        if not is_expected and usual is None:
+            return request
+        usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        return replace(request, cameras=self._cameras.make_request(usable), usual=usual)
 
     def measure(
         self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None

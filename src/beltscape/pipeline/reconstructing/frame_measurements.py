@@ -30,6 +30,38 @@ from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
 from beltscape.workers.transport import SharedObject
 
+_COVERAGE_CHANGE = 0.08
+"""Change of the coverage since the last passed check that is unusual; two moved auxiliaries of four change it by 0.04
+on an empty belt and by 0.2 on material."""
+_SIGMA_RATIO = 1.3
+"""Ratio of the median σ to that of the last passed check that is unusual; one moved auxiliary of four gives 1.35."""
+_COMPARED_STRIDE = 4
+"""Rows and columns between the pixels that are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthSummary:
+    """Coverage and σ of a depth map."""
+
+    coverage: float
+    sigma_mm: float
+
+    def differs(self, now: DepthSummary) -> bool:
+        """Return whether another depth map is unusual beside this one, so that the cameras are checked."""
+        return (
+            abs(now.coverage - self.coverage) > _COVERAGE_CHANGE
+            or not now.sigma_mm <= _SIGMA_RATIO * self.sigma_mm
+        )
+
+
+def summarise_depth(depth: DepthMap) -> DepthSummary:
+    """Return the coverage and the median σ of a depth map."""
+    sigma = depth.sigma_mm[::_COMPARED_STRIDE, ::_COMPARED_STRIDE]
+    measured = np.isfinite(sigma)
+    return DepthSummary(
+        float(measured.mean()), float(np.median(sigma[measured])) if measured.any() else float("nan")
+    )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRequest:
@@ -91,8 +123,10 @@ class MeasurementRequest:
     """Number of frames that were submitted before and are not measured yet."""
     images: ImageRequest | None = None
     """The checks of the images; None: they are not checked."""
-    cameras: CameraRequest | None = None
+    cameras: SharedObject[CameraRequest] | None = None
     """The check of the cameras; None: they are not checked."""
+    usual: DepthSummary | None = None
+    """The cameras are checked where the depth differs from this one; None: in any case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,14 +161,15 @@ class FrameMeasurer:
             self._sample_images(frame_set, depth, request),
             images,
             self._sample_light(depth, request.images, images),
-            self._check_cameras(frame_set, depth, request.cameras),
+            self._check_cameras(frame_set, depth, request),
         )
 
     def _check_cameras(
-        self, frame_set: FrameSet, depth: DepthMap, request: CameraRequest | None
+        self, frame_set: FrameSet, depth: DepthMap, asked: MeasurementRequest
     ) -> MeasuredCameras | None:
-        if request is None:
+        if asked.cameras is None or (asked.usual and not asked.usual.differs(summarise_depth(depth))):
             return None
+        request = asked.cameras.value
         consistency = check_consistency(
             frame_set, self._rig, depth, request.auxiliaries, request.tolerance, request.confirmed
         )

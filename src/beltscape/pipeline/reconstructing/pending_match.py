@@ -106,4 +106,4 @@ class PendingMatch:
         request, measurements = self.find_measurements(depth) or (None, None)
         if request is None or measurements is None or request.cameras is None or measurements.cameras is None:
             return None
-        return CamerasAhead(request.cameras, measurements.cameras)
+        return CamerasAhead(request.cameras.value, measurements.cameras)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from beltscape.workers.processes import ProcessPool, ProcessTask
 
@@ -80,7 +80,7 @@ class _CallOfPool(Generic[Value]):
     def result(self) -> Value:
         """Return the value; a call that the workers did not survive is made here, as is one that raises an error."""
         end = self.pending.result()
-        return self.call.make() if end.failure else end.value
+        return self.call.make() if end.failure else cast("Value", end.value)
 
     def done(self) -> bool:
         """Return whether the worker has ended it."""

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.workers.calls import Call, Caller, CallsHere, CallsOfPool
+from beltscape.workers.calls import Call, CallMaker, CallsHere, CallsOfPool
 from beltscape.workers.processes import open_process_pool
 from tests.workers.functions import die_at_first, multiply, note_order
 
@@ -22,7 +22,7 @@ def make(shared: None, task: Call[Any]) -> Any:
 def test_the_value_and_the_error_do_not_depend_on_who_makes_the_call() -> None:
     with open_process_pool(make, None, 1) as pool:
         for calls in (CallsHere(), CallsOfPool(pool)):
-            caller: Caller = calls
+            caller: CallMaker = calls
             assert caller.begin(multiply, 3, 4).result() == 12
     with pytest.raises(InputError, match="thirteen"):
         CallsHere().begin(multiply, 3, 13)

@@ -27,7 +27,7 @@ class PendingCall(Protocol[Value_co]):
         ...
 
 
-class Caller(Protocol):
+class CallMaker(Protocol):
     """Makes calls."""
 
     def begin(self, function: Callable[..., Value], *given: Any) -> PendingCall[Value]:
@@ -54,7 +54,7 @@ class CallsHere:
     """Makes each call at once."""
 
     def begin(self, function: Callable[..., Value], *given: Any) -> PendingCall[Value]:
-        """Call the function; see `Caller`."""
+        """Call the function; see `CallMaker`."""
         return _KnownValue(function(*given))
 
 
@@ -94,6 +94,6 @@ class CallsOfPool:
         self._pool = pool
 
     def begin(self, function: Callable[..., Value], *given: Any) -> PendingCall[Value]:
-        """Hand the call out; see `Caller`."""
+        """Hand the call out; see `CallMaker`."""
         call = Call(function, given)
         return _CallOfPool(call, self._pool.submit_urgent(call, function.__name__))

@@ -13,7 +13,7 @@ from beltscape.health.images.synchronisation import CameraDelay, compute_depth_e
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.match_ahead import run_live_task
-from beltscape.workers.calls import Caller, CallsOfPool
+from beltscape.workers.calls import CallMaker, CallsOfPool
 from beltscape.workers.processes import open_process_pool
 from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map
@@ -27,7 +27,7 @@ def run(
     *,
     speed_mm_s: float = 1000.0,
     step: int = 1,
-    calls: Caller | None = None,
+    calls: CallMaker | None = None,
     **options,
 ) -> list[tuple[Finding, ...]]:
     """The findings of a monitor over frames of a loaded belt."""

@@ -22,7 +22,7 @@ from beltscape.health.images.surface_samples import SurfaceGrid, SurfaceSamples
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
-from beltscape.workers.calls import Caller
+from beltscape.workers.calls import CallMaker
 from beltscape.workers.transport import SharedObject
 
 
@@ -79,7 +79,7 @@ class BeltImageMonitor:
         settings: HealthSettings,
         pattern: LearnedPattern | None = None,
         keep_pattern: Callable[[LearnedPattern], None] | None = None,
-        calls: Caller | None = None,
+        calls: CallMaker | None = None,
     ) -> None:
         """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one.
 

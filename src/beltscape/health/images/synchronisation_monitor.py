@@ -35,7 +35,7 @@ from beltscape.health.images.synchronisation import (
     separate_delay,
 )
 from beltscape.health.settings import HealthSettings
-from beltscape.workers.calls import Caller, CallsHere, PendingCall
+from beltscape.workers.calls import CallMaker, CallsHere, PendingCall
 from beltscape.workers.transport import SharedObject
 
 _EVERY = 8
@@ -146,7 +146,7 @@ class SynchronisationMonitor:
         rig: Rig,
         settings: HealthSettings,
         grid: SurfaceGrid | None = None,
-        calls: Caller | None = None,
+        calls: CallMaker | None = None,
     ) -> None:
         """``grid`` is one that other checks of the same frames use, too; ``calls`` compares, None: `begin` does."""
         self._rig, self._settings = rig, settings
@@ -228,7 +228,7 @@ class SynchronisationMonitor:
         comparison, self._comparison = self._comparison, None
         if comparison is None:
             return self._faults
-        findings = self._judge(comparison)
+        findings = self._assess(comparison)
         if comparison.is_doubtful:
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
@@ -267,7 +267,7 @@ class SynchronisationMonitor:
         pending = self._calls.begin(compare_pair, pair)
         return _Comparison(before, now, along, distance_mm, names, pending, is_doubtful)
 
-    def _judge(self, comparison: _Comparison) -> list[Finding]:
+    def _assess(self, comparison: _Comparison) -> list[Finding]:
         """Return the findings about the core and the auxiliaries that were compared."""
         if comparison.pair is None:
             return []

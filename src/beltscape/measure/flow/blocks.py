@@ -78,7 +78,7 @@ class BlockGrid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class BeltBlock:
     """Successive fused rows, of which some are to be filled and the others are the margins."""
 
     grid: SharedObject[BlockGrid]
@@ -102,7 +102,7 @@ class FilledBlock:
     piece: BeltPiece | None
 
 
-def fill_block(block: Block) -> FilledBlock:
+def fill_block(block: BeltBlock) -> FilledBlock:
     """Fill the holes of a block: its rows sum means, its piece shows the most probable surface."""
     grid = block.grid.value
     height, sigma, noise = block.planes.astype(np.float64)
@@ -130,7 +130,7 @@ class PendingRows:
     """Rows whose block is being filled."""
 
     filling: PendingCall[FilledBlock]
-    watch: PieceCallback | None
+    on_piece: PieceCallback | None
     """Receives the block's piece."""
 
     @property
@@ -141,13 +141,13 @@ class PendingRows:
     def finish(self) -> Rows:
         """Wait for the rows and return them; each block is finished once, in the order of the belt."""
         filled = self.filling.result()
-        if self.watch is not None and filled.piece is not None:
-            self.watch(filled.piece)
+        if self.on_piece is not None and filled.piece is not None:
+            self.on_piece(filled.piece)
         return filled.rows
 
 
 def _sum_rows(
-    block: Block,
+    block: BeltBlock,
     filled: Filled,
     noise: NDArray[np.float64],
     measured: NDArray[np.bool_],

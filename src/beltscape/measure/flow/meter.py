@@ -27,7 +27,7 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
 from beltscape.measure.flow.travel_direction import TravelDirectionCheck
-from beltscape.workers.calls import Caller
+from beltscape.workers.calls import CallMaker
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -71,7 +71,7 @@ class BeltFlowMeter:
         watch_step: Callable[[FramePlacement], None] | None = None,
         front_mm: float | None = None,
         scale_sigma: float = 0.0,
-        calls: Caller | None = None,
+        calls: CallMaker | None = None,
     ) -> None:
         """``watch_belt`` receives each finished piece of the fused belt, ``watch_step`` each frame's position.
 

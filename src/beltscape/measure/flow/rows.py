@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from beltscape.core.height_map import HeightMap
 from beltscape.measure.belt.reference import EmptyBeltReference, Layer
 from beltscape.measure.flow.blocks import (
+    BeltBlock,
     BeltPiece,
-    Block,
     BlockGrid,
     PendingRows,
     PieceCallback,
@@ -25,7 +25,7 @@ from beltscape.measure.flow.blocks import (
 )
 from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.workers.calls import Caller, CallsHere
+from beltscape.workers.calls import CallMaker, CallsHere
 from beltscape.workers.transport import SharedObject
 
 _MIN_SHARE = 0.02
@@ -70,7 +70,7 @@ class RowFiller:
         ground: EmptyBeltReference,
         settings: FlowSettings,
         watch: PieceCallback | None,
-        calls: Caller | None = None,
+        calls: CallMaker | None = None,
     ) -> None:
         """``watch`` receives every finished piece of belt; ``calls`` fills the blocks, None: each at once."""
         self._watch, self._calls = watch, calls or CallsHere()
@@ -168,7 +168,9 @@ class RowFiller:
         own = self._done - behind, stop - behind
         has_piece = self._watch is not None
         # contiguous: on its way to a worker it is copied once
-        block = Block(self._grid, np.ascontiguousarray(near.planes), near.by_row, own, self._done, has_piece)
+        block = BeltBlock(
+            self._grid, np.ascontiguousarray(near.planes), near.by_row, own, self._done, has_piece
+        )
         self._done = stop
         keep = max(self._first, stop - self._margin)
         self._rows, self._first = [whole.cut(keep - self._first)], keep

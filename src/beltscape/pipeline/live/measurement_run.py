@@ -35,7 +35,7 @@ from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import MeasurementRequest
 from beltscape.pipeline.reconstructing.match_ahead import Submit
 from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
-from beltscape.workers.calls import Caller
+from beltscape.workers.calls import CallMaker
 from beltscape.workers.transport import SharedObject
 
 _SECTION_CELL_MM = 5.0
@@ -111,7 +111,7 @@ class MeasurementContext:
     """What is learned of the images."""
     submit: Submit | None = None
     """Begins to match a frame set on a worker; None: the matcher matches each in its turn."""
-    calls: Caller | None = None
+    calls: CallMaker | None = None
     """Has holes filled beside the thread that measures; None: it fills them itself."""
 
     def with_empty_belt(self, empty_belt: EmptyBeltReference) -> MeasurementContext:

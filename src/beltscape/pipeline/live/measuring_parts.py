@@ -36,7 +36,7 @@ from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matc
 from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, MatcherFactory
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.sources.folder import scale_rig_to_capture
-from beltscape.workers.calls import Caller
+from beltscape.workers.calls import CallMaker
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")
 """Tables of project.toml on which the parts depend, beside rig and empty belt."""
@@ -198,7 +198,7 @@ def make_image_monitors(
     belt_sha256: str,
     reporter: Reporter,
     data: Path | None,
-    calls: Caller | None = None,
+    calls: CallMaker | None = None,
 ) -> Monitors:
     """Return the monitors; ``data`` is the folder of what is learned, None: nothing is read or kept.
 

@@ -36,7 +36,7 @@ from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchP
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
-from beltscape.workers.calls import Call, Caller, CallsOfPool
+from beltscape.workers.calls import Call, CallMaker, CallsOfPool
 from beltscape.workers.options import WorkerOptions
 from beltscape.workers.processes import ProcessPool
 from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
@@ -339,7 +339,7 @@ class LiveWorkers:
         return self.pool.workers + 1
 
     @property
-    def calls(self) -> Caller:
+    def calls(self) -> CallMaker:
         """Return what has the processes make calls beside the matches."""
         return CallsOfPool(self.pool)
 

@@ -60,6 +60,11 @@ class MovingHeap:
     pattern: str = "paper"
     scale: float = 0.25
     """Of the images to the sensor of 2448 × 2048 pixels."""
+    rocks: int = 800
+    bedding: float = 0.15
+    """Depth to which a rock sinks into the fines, as a share of its height."""
+    candidates: int = 6
+    """Places tried for each rock, which takes the lowest: with one place rocks lie loosely, over deep hollows."""
 
     def make_scenario(self, kind: str) -> Scenario:
         """Return the scene, of the moving heap or of the empty belt."""
@@ -76,7 +81,8 @@ class MovingHeap:
                 "pattern": self.pattern, "position_mm": (50, -50, self.height_mm + 13), "seed": self.seed,
             },
             "heap": {
-                "rocks": 800, "fines": {"crown_mm": self.crown_mm, "along_mm": (-330, 330)},
+                "rocks": self.rocks, "bedding": self.bedding, "candidates": self.candidates,
+                "fines": {"crown_mm": self.crown_mm, "along_mm": (-330, 330)},
                 "sizes": {"smallest_mm": smallest, "largest_mm": largest, "median_mm": median},
             },
             "motion": {"speed_mm_s": self.speed_mm_s, "frames_per_s": self.frames_per_s},
@@ -90,6 +96,9 @@ HEAPS = {
     "T2": MovingHeap(22, 2, (15, 100, 60), 60, height_mm=800, first_deg=30, speed_mm_s=-1200),
     "T3": MovingHeap(23, 4, (10, 79, 45), 90, 700, speed_mm_s=1500, frames_per_s=8, pattern="fine"),
     "T4": MovingHeap(24, 3, (6, 50, 25), 75, first_deg=90, speed_mm_s=800, frames_per_s=4),
+    "L1": MovingHeap(
+        12, 4, (10, 80, 18), 60, first_deg=45, frames_per_s=6, rocks=2500, bedding=0.0, candidates=1
+    ),
 }
 
 

@@ -33,7 +33,11 @@ def test_every_line_is_ok_or_says_the_fix(capsys, tmp_path):
     assert float(rate) == pytest.approx(int(cores) / float(seconds), rel=0.1)
     assert all((one["state"] == "warning") == bool(one["fix"]) for one in checks)
     assert main(["doctor", "--data", str(tmp_path)]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(checks) + sum(bool(one["fix"]) for one in checks)
+    lines = capsys.readouterr().out.splitlines()
+    states = [line.split()[0] for line in lines if line.strip() and not line.startswith(" ")]
+    # a busy machine may answer some checks otherwise the second time
+    assert len(states) == len(checks)
+    assert len(lines) == len(checks) + states.count("warning")
 
 
 def test_small_packets_and_cards_that_are_down(tmp_path):

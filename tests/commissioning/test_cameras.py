@@ -133,6 +133,13 @@ def test_views_are_taken_from_cameras_and_a_lost_one_is_named_on_the_page(bench)
     again = GuidedSession(state, LiveView(lambda: open_source(state)))
     again.resume()
     assert again.taken == taken
+
+
+@pytest.mark.thorough  # views of a trial plant become a rig in every run
+def test_views_of_cameras_become_a_rig(bench):
+    _, state = bench
+    run(state, "cameras")
+    run(state, "board")
     take_views(state, Notes())
     views = json.loads((state.folder / "rig/calibration.json").read_text())["training"]["frames"]
     assert views >= LEAST_VIEWS

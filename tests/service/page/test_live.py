@@ -22,7 +22,7 @@ def test_page_loads_offline_without_errors_and_updates(site):
     wait_for(page, "parseFloat(document.querySelector('#flow-volume').innerText) > 0")
     assert 300 < float(read_text(page, "#flow-volume").replace(",", "")) < 900
     assert read_text(page, "#flow-sigma").startswith("±")
-    assert read_text(page, "#flow-capacity") == "4.20\u00a0m/s"
+    wait_for(page, "document.querySelector('#flow-capacity').innerText === '4.20\u00a0m/s'")
     wait_for_change(page, "#total-belt", read_text(page, "#total-belt"))
     assert page.locator("#cameras img:not([hidden])").count() == 0  # nobody can see them yet
     page.locator("section.cameras").scroll_into_view_if_needed()
@@ -31,7 +31,7 @@ def test_page_loads_offline_without_errors_and_updates(site):
     assert page.locator("#chart canvas").count() == 1
     wait_for(page, "document.querySelector('#belt-none').hidden")
     assert not page.locator("#belt-flat").is_visible()
-    assert read_text(page, "#flow-standing") == "valid"
+    wait_for(page, "document.querySelector('#flow-standing').innerText === 'valid'")
     assert (site.errors, site.foreign_requests) == ([], [])
     page.context.close()
 

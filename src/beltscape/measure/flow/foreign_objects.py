@@ -221,7 +221,9 @@ class ForeignObjectCheck:
         side = 2 * round(_AROUND_MM / self._cell_mm) + 1
         known = np.isfinite(height_mm)
         lowest = np.where(known, height_mm, -np.inf).astype(np.float32)
-        highest = cv2.dilate(lowest, np.ones((side, side), np.uint8))  # faster than SciPy's filter, same values
+        highest = cv2.dilate(
+            lowest, np.ones((side, side), np.uint8)
+        )  # faster than SciPy's filter, same values
         share = ndimage.uniform_filter(known.astype(np.float32), side)
         return np.where(share > 0.5, highest, np.nan).astype(np.float32)
 

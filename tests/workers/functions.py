@@ -70,11 +70,3 @@ class KillOnce:
         """Return what the function returns."""
         die_at_first(self.folder, task.frame_set.frame)
         return self.function(shared, task)
-
-
-def note_order(file: str, name: str, until: str) -> None:
-    """Append a name to a file, once another file exists, where one is given."""
-    while until and not Path(until).exists():
-        time.sleep(0.01)
-    with Path(file).open("a") as out:
-        out.write(f"{name}\n")

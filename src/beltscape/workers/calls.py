@@ -87,8 +87,14 @@ class _CallOfPool(Generic[Value]):
         return self.pending.done()
 
 
+def make_call(shared: None, call: Call[Any]) -> Any:
+    """Return the value of a call: the function of a pool for `CallsOfPool`."""
+    del shared
+    return call.make()
+
+
 class CallsOfPool:
-    """Has the processes of a pool make the calls, before its other tasks; its function makes a `Call`."""
+    """Has the processes of a pool make the calls; its function is `make_call`."""
 
     def __init__(self, pool: ProcessPool) -> None:
         self._pool = pool
@@ -96,4 +102,4 @@ class CallsOfPool:
     def begin(self, function: Callable[..., Value], *given: Any) -> PendingCall[Value]:
         """Hand the call out; see `CallMaker`."""
         call = Call(function, given)
-        return _CallOfPool(call, self._pool.submit_urgent(call, function.__name__))
+        return _CallOfPool(call, self._pool.submit(call, function.__name__))

@@ -6,7 +6,6 @@ its task runs again.
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import math
 import os
@@ -18,8 +17,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from statistics import fmean, median
+from statistics import median
 from typing import Any
 
 from beltscape.core.system_calls import CORES, make_shared_file
@@ -116,18 +114,6 @@ class WorkerProcess:
         return f"ended by signal {-ended}" if ended < 0 else f"ended with code {ended}"
 
 
-@dataclass(order=True, slots=True)
-class _Waiting:
-    """A task that waits for a worker; they are taken in the order of the first two fields."""
-
-    can_wait: bool
-    """False: it is urgent."""
-    number: int
-    task: Any = field(compare=False)
-    name: str = field(compare=False)
-    future: Future[Completed[Any]] = field(compare=False, default_factory=Future)
-
-
 class ProcessPool:
     """Runs the tasks of one function on processes; each thread of this process serves one."""
 
@@ -154,29 +140,15 @@ class ProcessPool:
         self._alive: set[WorkerProcess] = set()
         self._numbers = itertools.count()
         self._seconds: deque[float] = deque(maxlen=_RECENT)
-        self._urgent_seconds: deque[float] = deque([0.0], maxlen=_RECENT)
-        """Time of urgent tasks between two of the others that ended last."""
-        self._waiting: list[_Waiting] = []
-        """A heap; there is a job of a thread for each."""
         for _ in range(workers):  # they begin side by side
             self._idle.append(self._begin())
         self._threads = ThreadPoolExecutor(workers, "workers")
 
     def submit(self, task: Any, name: str) -> ProcessTask:
         """Hand out a task; see `tasks.TaskPool`."""
-        return self._put(task, name, is_urgent=False)
-
-    def submit_urgent(self, task: Any, name: str) -> ProcessTask:
-        """Hand out a short task that the next free worker takes, before those that wait."""
-        return self._put(task, name, is_urgent=True)
-
-    def _put(self, task: Any, name: str, *, is_urgent: bool) -> ProcessTask:
-        waiting = _Waiting(not is_urgent, next(self._numbers), task, name)
-        waiting.future.add_done_callback(lambda _: self.on_end())
-        with self._lock:
-            heapq.heappush(self._waiting, waiting)
-        self._threads.submit(self._run_next)
-        return ProcessTask(waiting.future)
+        future = self._threads.submit(self._run, next(self._numbers), task, name)
+        future.add_done_callback(lambda _: self.on_end())
+        return ProcessTask(future)
 
     def wait(self, pending: Sequence[ProcessTask]) -> list[ProcessTask]:
         """Return the tasks that have ended, of which there is one; see `tasks.TaskPool`."""
@@ -191,8 +163,6 @@ class ProcessPool:
         for worker in workers:
             worker.kill()
         self._threads.shutdown(cancel_futures=True)
-        for waiting in self._waiting:  # its job was cancelled
-            waiting.future.cancel()
 
     def list_processes(self) -> list[int]:
         """Return the identities of the processes that run."""
@@ -200,21 +170,9 @@ class ProcessPool:
             return sorted(worker.process_id for worker in self._alive)
 
     def count_tasks_per_s(self) -> float:
-        """Return how many tasks the workers together run in a second, by those that ended last; inf before any.
-
-        Urgent ones are not counted, but their time is.
-        """
-        seconds, urgent = list(self._seconds), list(self._urgent_seconds)
-        return self.workers / (median(seconds) + fmean(urgent)) if seconds else math.inf
-
-    def _note_seconds(self, seconds: float, *, is_urgent: bool) -> None:
-        """Take over the time of a task that has ended."""
-        with self._lock:
-            if is_urgent:
-                self._urgent_seconds[-1] += seconds
-            else:
-                self._seconds.append(max(seconds, _LEAST_S))
-                self._urgent_seconds.append(0.0)
+        """Return how many tasks the workers together run in a second, by those that ended last; inf before any."""
+        seconds = list(self._seconds)
+        return self.workers / median(seconds) if seconds else math.inf
 
     def _begin(self) -> WorkerProcess:
         worker = self._begin_worker()
@@ -225,25 +183,13 @@ class ProcessPool:
         worker.kill()
         return worker
 
-    def _run_next(self) -> None:
-        """Run the most urgent of the waiting tasks."""
-        with self._lock:
-            waiting = heapq.heappop(self._waiting)
-        waiting.future.set_running_or_notify_cancel()
-        try:
-            waiting.future.set_result(self._run(waiting))
-        except BaseException as error:
-            waiting.future.set_exception(error)
-            raise
-
-    def _run(self, waiting: _Waiting) -> Completed[Any]:
-        number, task, name = waiting.number, waiting.task, waiting.name
+    def _run(self, number: int, task: Any, name: str) -> Completed[Any]:
         worker, how = self._idle.popleft(), ""
         try:
             for _ in range(_DEATHS):
                 try:
                     end = worker.run(number, task)
-                    self._note_seconds(end.seconds, is_urgent=not waiting.can_wait)
+                    self._seconds.append(max(end.seconds, _LEAST_S))
                     return end
                 except (OSError, EOFError):
                     with self._lock:

@@ -12,8 +12,7 @@ from beltscape.health.images import synchronisation_monitor
 from beltscape.health.images.synchronisation import CameraDelay, compute_depth_error, separate_delay
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.match_ahead import run_live_task
-from beltscape.workers.calls import CallMaker, CallsOfPool
+from beltscape.workers.calls import CallMaker, CallsOfPool, make_call
 from beltscape.workers.processes import open_process_pool
 from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map
@@ -59,7 +58,7 @@ def test_workers_compare_the_frames_with_the_same_findings(monkeypatch: pytest.M
     monkeypatch.setattr(
         synchronisation_monitor, "measure_displacement", lambda *_: pytest.fail("compared here")
     )
-    with open_process_pool(run_live_task, None, 1) as pool:
+    with open_process_pool(make_call, None, 1) as pool:
         there = run(3, late_mm={"cam2": -5.0}, calls=CallsOfPool(pool))
     assert find_faults(there[-1])
     assert [repr(one) for one in there] == [repr(one) for one in here]

@@ -96,6 +96,8 @@ HEAPS = {
     "T2": MovingHeap(22, 2, (15, 100, 60), 60, height_mm=800, first_deg=30, speed_mm_s=-1200),
     "T3": MovingHeap(23, 4, (10, 79, 45), 90, 700, speed_mm_s=1500, frames_per_s=8, pattern="fine"),
     "T4": MovingHeap(24, 3, (6, 50, 25), 75, first_deg=90, speed_mm_s=800, frames_per_s=4),
+    "S1": MovingHeap(12, 4, (10, 80, 18), 60, first_deg=45, frames_per_s=6, rocks=2500),
+    "S2": MovingHeap(31, 4, (10, 80, 18), 80, first_deg=45, rocks=1000),
     "L1": MovingHeap(
         12, 4, (10, 80, 18), 60, first_deg=45, frames_per_s=6, rocks=2500, bedding=0.0, candidates=1
     ),
@@ -191,7 +193,7 @@ def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     volume = read_json(true / "belt_moving.json")["heap_volume_mm3"]
     ceiling = None if scene is None else MovingCeiling(scene)
     head = [name, str(heap.auxiliaries + 1)]
-    off = patch("beltscape.measure.flow.rows.continue_into_holes", lambda filled, *_: filled)
+    off = patch("beltscape.measure.flow.blocks.continue_into_holes", lambda filled, *_: filled)
     with off:
         single = score_single_frames(reference, frames, settings, truth)
     rows = [format_cells([*head, "single", *_format(single), "", ""])]

@@ -23,7 +23,6 @@ from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.emulated_device import EmulatedDevice
 from beltscape.stereo.settings import PRESETS
 from gpu_measure import (
-    DISPARITIES,
     FAR_MM,
     FrameTraffic,
     Measured,
@@ -31,11 +30,10 @@ from gpu_measure import (
     measure_device,
     read_problem,
 )
-from roofline import Work, measure_frame
+from gpu_peers import format_rows
+from roofline import Work
 
 _PAGE = Path(__file__).with_name("GPU.md")
-_MOST_BYTES = 16 << 30
-"""Of the GPU's memory: four frames of 2448 × 2048 px in flight need 12 GB."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,7 @@ class Gpu:
 
 
 GPUS = (
+    Gpu("H200 SXM", 4.8e12, 66.9e12, 63e9),
     Gpu("H100 SXM", 3.35e12, 66.9e12, 63e9),
     Gpu("RTX 4070", 504e9, 29.1e12, 31.5e9),
     Gpu("Jetson AGX Orin", 204.8e9, 5.3e12, 204.8e9),
@@ -64,7 +63,8 @@ _INTRODUCTION = """\
 {state} `benchmarks/gpu.py` writes this page; `benchmarks/gpu.sh` builds, tests and measures on a GPU.
 
 NVRTC compiles every kernel for sm_75, 80, 86, 89, 90 and 100, and the emulation runs the same source on the processor
-in the tests, where its results are those of the levels v3 and v4 byte by byte.
+in the tests. Its kernels of matching give the bytes of the levels v3 and v4; where the processor has OpenCV and NumPy
+between them, the GPU's own kernels round their last digits otherwise.
 
 ## What one frame asks for: {frame}
 
@@ -75,20 +75,24 @@ It is what no implementation can beat, not what this one will reach.
 _TRANSFER = """
 ## Transfer between the memories of processor and GPU
 
-A result stays on the GPU until NumPy reads it, and the frame's images, splines, gains and features are copied once.
-What is still copied are the planes that the matcher computes with NumPy and OpenCV between the kernels, above all the
-features of its networks: upwards the planes themselves, downwards the surfaces and the photo-consistency from which
-they are computed. Launches are not yet recorded as graphs, because these steps stand between them.
+A frame's images go up, its depth, σ, confidence and number of views come down. Besides, some bands of rows come down
+for the estimates of noise, and the planes in which textureless discs are looked for. Small arrays such as weights
+stay on the GPU from frame to frame.
+
+A frame has about 1,000 launches (emulated, 5 × 306 × 255 px). They are not recorded as graphs, and each costs some
+Python: one frame at a time will be bound by that and not by the rooflines. How many pixels are uncertain is known on
+the processor only after each of three lists of pixels, and sizes of launches follow from it; where rounds of
+propagation end and whether there are discs is decided on the processor, too.
 """
 
 
-def format_page(frame: str, work: dict[str, Work], traffic: FrameTraffic, measured: list[Measured]) -> str:
+def format_page(frame: str, traffic: FrameTraffic, measured: list[Measured]) -> str:
     """Return the page: the state, the counts with their rooflines, the copies, and what was measured."""
     not_run = "**Compiled and emulated, not run**: no GPU was at hand when this page was written."
     state = f"Measured on {measured[0].name}." if measured else not_run
     gpus = ", ".join(_format_gpu(gpu) for gpu in GPUS)
     introduction = _INTRODUCTION.format(state=state, frame=frame, gpus=gpus)
-    rows = [*_format_counts(work), _TRANSFER, *_format_traffic(traffic)]
+    rows = [*_format_counts(traffic.work), _TRANSFER, *_format_traffic(traffic)]
     rows += [line for one in measured for line in _format_measured(one)]
     return "\n".join([introduction, *rows, ""])
 
@@ -156,12 +160,27 @@ def _format_measured(measured: Measured) -> list[str]:
         "|---|---|",
         *(f"| {count} | {rate:.1f} |" for count, rate in measured.sets_per_s.items()),
         "",
-        f"| other matchers, four pairs with {DISPARITIES} disparities | ms |",
-        "|---|---|",
-        *(f"| {name} | {s * 1e3:.1f} |" for name, s in measured.peers_s.items()),
-        *_format_times("call of", measured.call_s),
+        *format_rows(measured.rows),
+        *_format_calls(measured),
         *_format_times("launches of", measured.launch_s),
     ]
+
+
+def _format_calls(measured: Measured) -> list[str]:
+    """Return the time of each kernel's calls, and the share of its roofline that they reach."""
+    gpu = find_gpu(measured.name)
+    lines = ["", "| call of | ms | share of its roofline |", "|---|---|---|"]
+    for name, s in sorted(measured.call_s.items(), key=lambda item: -item[1]):
+        share = f"{_roofline_s(measured.work[name], gpu) / s:.1%}" if gpu and name in measured.work else "–"
+        lines.append(f"| `{name}` | {s * 1e3:.3f} | {share} |")
+    return lines
+
+
+def find_gpu(name: str) -> Gpu | None:
+    """Return the data sheet of a device by the name that its driver gives; None where it is not listed."""
+    return next(
+        (gpu for gpu in GPUS if all(word in name for word in gpu.name.split()[:2] if word != "SXM")), None
+    )
 
 
 def _format_times(what: str, seconds: dict[str, float]) -> list[str]:
@@ -175,7 +194,7 @@ def find_device(name: str) -> GpuDevice | None:
         return None
     if name == "emulated":
         return EmulatedDevice()
-    device = CudaDevice(most_bytes=_MOST_BYTES)
+    device = CudaDevice()
     device.name = f"{device.model}, driver {_driver_version()}"
     return device
 
@@ -201,7 +220,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=_PAGE, help="the page (default: benchmarks/GPU.md)")
     arguments = parser.parse_args()
     device = find_device(arguments.device)
-    work, _ = measure_frame(arguments.capture, arguments.rig, arguments.preset)
     rig = read_rig(arguments.rig)
     width, height = next(iter(rig.cameras.values())).size_px
     frame = f"{len(rig.cameras)} cameras of {width} × {height} px, preset `{arguments.preset}`"
@@ -210,7 +228,7 @@ def main() -> None:
     measured: list[Measured] = []
     if device:
         measured = [measure_device(device, read_problem(*given, scale)) for scale in arguments.scales]
-    arguments.out.write_text(format_page(frame, work, traffic, measured), "utf-8")
+    arguments.out.write_text(format_page(frame, traffic, measured), "utf-8")
     print(f"wrote {arguments.out}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -14,9 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Silent
+from beltscape.evaluate.truth import read_truth
 from beltscape.files.capture import read_capture
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import Kernels, load
@@ -26,16 +28,17 @@ from beltscape.kernels.native import NativeBackend, levels
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale
 from beltscape.stereo.settings import MultiviewSettings
+from gpu_peers import MatcherRow, compute_error, measure_others, rectify_pairs
 from gpu_traffic import CountingBackend
+from roofline import Work
 
 FAR_MM = 0.001
 """Depths that differ by more are counted."""
 RUNS = 5
 IN_FLIGHT = (1, 2, 4)
 """Frames that are matched at the same time."""
-DISPARITIES = 128
-"""Of the other matchers."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,8 @@ class Problem:
     frame_set: FrameSet
     near_far_mm: tuple[float, float]
     settings: MultiviewSettings
+    true_mm: NDArray[np.floating] | None = None
+    """(H, W) true depth, NaN where there is none; None where the capture has none of this size."""
 
     def make_matcher(self, kernels: Kernels) -> MultiviewReconstructor:
         """Return a matcher with these kernels."""
@@ -69,12 +74,23 @@ def read_problem(capture: Path, rig_file: Path, preset: str, scale: float = 1.0)
         }
         frame_set = FrameSet(frame_set.frame, images)
     near_far_mm = find_depth_range(rig, frame_set, Silent(), 1)
-    return Problem(rig, frame_set, near_far_mm, MultiviewSettings.preset(preset))
+    true_mm = read_true_depth(capture, rig, frame_set.frame) if scale == 1 else None
+    return Problem(rig, frame_set, near_far_mm, MultiviewSettings.preset(preset), true_mm)
+
+
+def read_true_depth(capture: Path, rig: Rig, frame: str) -> NDArray[np.floating] | None:
+    """Return the true depth (H, W) of a simulated frame on the rig's grid; None for a capture without a truth."""
+    if not (capture / "truth").is_dir():
+        return None
+    truth = read_truth(capture / "truth").for_frame(frame)
+    return truth.resample_to(rig).depth_mm if truth.is_placed else truth.depth_mm
 
 
 @dataclass(frozen=True)
 class FrameTraffic:
-    """Bytes that a frame copies between processor and GPU, both ways."""
+    """Work of a frame's kernels, and the bytes that it copies between processor and GPU, both ways."""
+
+    work: dict[str, Work]
 
     each_call: int
     """Where every call of a kernel copies its arrays."""
@@ -88,7 +104,9 @@ def count_traffic(problem: Problem) -> FrameTraffic:
     backend = CountingBackend(NativeBackend(levels()[-1]))
     problem.make_matcher(Kernels(backend)).reconstruct(problem.frame_set, Silent())
     traffic = backend.traffic
-    return FrameTraffic(backend.each_call_bytes, traffic.uploaded_bytes, traffic.downloaded_bytes)
+    return FrameTraffic(
+        backend.work, backend.each_call_bytes, traffic.uploaded_bytes, traffic.downloaded_bytes
+    )
 
 
 @dataclass
@@ -114,8 +132,10 @@ class Measured:
     """Frames in flight → frames a second."""
     joules: float | None = None
     """Of the GPU for a frame; None where the driver does not say."""
-    peers_s: dict[str, float] = field(default_factory=dict[str, float])
-    """Other matchers → seconds for four pairs of this size."""
+    rows: list[MatcherRow] = field(default_factory=list[MatcherRow])
+    """This matcher and others on the same set."""
+    work: dict[str, Work] = field(default_factory=dict[str, Work])
+    """Kernel → its bytes and operations."""
 
 
 class TimedDevice:
@@ -192,8 +212,10 @@ def measure_device(device: GpuDevice, problem: Problem, runs: int = RUNS) -> Mea
         device.memory.peak,
         {count: measure_rate(matcher, frame_set, count, runs) for count in IN_FLIGHT} if runs > 1 else {},
         None if before is None or after is None else (after - before) / runs,
-        measure_peers(problem) if runs > 1 else {},
+        work=count_traffic(problem).work,
     )
+    if runs > 1:
+        measured.rows = measure_rows(problem, depth, measured)
     if kernels.failure:  # the processor's times are none of the GPU
         raise SystemExit(f"the GPU failed: {kernels.failure}")
     return measured
@@ -218,31 +240,17 @@ def read_joules() -> float | None:
         return None
 
 
-def measure_peers(problem: Problem) -> dict[str, float]:
-    """Return the seconds of other matchers for four pairs of the frame's size, the least of three."""
-    names = list(problem.rig.cameras)[:2]
-    left, right = (to_grey(problem.frame_set.images[name]) for name in names)
-    sgbm = cv2.StereoSGBM.create(0, DISPARITIES, 5, 8 * 25, 32 * 25, mode=cv2.StereoSGBM_MODE_HH)
-    peers: dict[str, Callable[[], object]] = {
-        "OpenCV SGBM on the processor": lambda: [sgbm.compute(left, right) for _ in range(4)]
-    }
-    opencv: Any = cv2
-    if hasattr(opencv.cuda, "createStereoSGM") and opencv.cuda.getCudaEnabledDeviceCount():
-        sgm = opencv.cuda.createStereoSGM(0, DISPARITIES)
-        pair = opencv.cuda_GpuMat(left), opencv.cuda_GpuMat(right)
-        peers["OpenCV CUDA SGM (libSGM's kernels)"] = lambda: [
-            sgm.compute(*pair).download() for _ in range(4)
-        ]
-    return {name: min(_time(peer) for _ in range(3)) for name, peer in peers.items()}
-
-
-def to_grey(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image as one channel of 8 bits."""
-    grey = image if image.ndim == 2 else image[..., :3].mean(axis=2)
-    return np.asarray(grey / (np.iinfo(image.dtype).max / 255), np.uint8)
-
-
-def _time(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
+def measure_rows(problem: Problem, depth: DepthMap, measured: Measured) -> list[MatcherRow]:
+    """Return the rows of this matcher on the device, of four SGBM on the processor, and of others that are there."""
+    size_px, rig = problem.rig.core_camera.size_px, problem.rig
+    unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
+    near, far = problem.near_far_mm
+    range_px = int(np.ceil((1 / near - 1 / far) / unit))
+    seconds = min([measured.frame_s, *(1 / rate for rate in measured.sets_per_s.values())])
+    error = compute_error(depth.depth_mm, problem.true_mm)
+    share = float(depth.measured.mean())
+    own = MatcherRow(
+        f"Beltscape, {measured.name}", size_px, len(rig.auxiliaries), range_px, seconds, error, share
+    )
+    pairs = rectify_pairs(rig, problem.frame_set, problem.near_far_mm)
+    return [own, *measure_others(pairs, size_px, problem.true_mm)]

@@ -15,6 +15,8 @@ from beltscape.kernels.cuda.backend import ResidentBackend, find_plan
 from beltscape.kernels.cuda.workspace import Traffic
 from beltscape.kernels.networks import exchange_by_rounds
 from beltscape.kernels.resident import ResidentArray, as_host
+from matching.operations import OPERATIONS
+from roofline import Work, count_bytes
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,12 @@ class _Held:
     def part(self, i: int) -> _Held:
         return _Held(self.array[i])
 
+    def rows(self, first: int, last: int) -> _Held:
+        return _Held(self.array[first:last])
+
+    def viewed(self, dtype: np.dtype[Any]) -> _Held:
+        return _Held(self.array.view(dtype))
+
     def reshaped(self, shape: tuple[int, ...]) -> _Held:
         return _Held(self.array.reshape(shape))
 
@@ -50,11 +58,13 @@ class CountingBackend:
         self.each_call_bytes = 0
         """What copying every array at every call would move, as a back end without resident arrays does."""
         self.resident = self
+        self.work: dict[str, Work] = {}
+        """Kernel → its calls, the bytes of its arrays in and out, and its operations."""
         self._copies: dict[int, _Held] = {}
         self._native = native
 
     def run(
-        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
+        self, kernel: str, given: Any, out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
         """See `beltscape.kernels.backend.Backend`."""
         if find_plan(kernel, given) is None:
@@ -66,26 +76,30 @@ class CountingBackend:
         else:
             results = self._native.run(kernel, record, out, threads)
         self.each_call_bytes += sum(array.nbytes for array in results)
-        return [
-            cast("NDArray[Any]", ResidentArray.from_device(_Held(array), self._download)) for array in results
-        ]
+        work = self.work.setdefault(kernel, Work())
+        work.calls += 1
+        work.bytes += count_bytes(record, len(record.u) if hasattr(record, "u") else None)
+        work.bytes += count_bytes(list(results))
+        work.operations += OPERATIONS[kernel](record, results)
+        held = (_Held(np.ascontiguousarray(array)) for array in results)
+        return [cast("NDArray[Any]", ResidentArray.from_device(each, self)) for each in held]
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """See `beltscape.kernels.cuda.backend.ResidentBackend.keep`."""
         if isinstance(array, ResidentArray):
             return array
-        return cast("NDArray[Any]", ResidentArray.from_host(array))
+        return cast("NDArray[Any]", ResidentArray.from_host(array, self))
 
     def _read(self, value: Any) -> Any:
         """Return a record with arrays for the native kernels, and count those that are copied to the device."""
         if isinstance(value, ResidentArray):
-            array = value.on_device(self._upload).array
+            array = value.on_device(self.upload).array
             self.each_call_bytes += array.nbytes
             return array
         if isinstance(value, np.ndarray):
             self.each_call_bytes += value.nbytes
             if id(value) not in self._copies:
-                self._copies[id(value)] = self._upload(value)
+                self._copies[id(value)] = self.upload(value)
             return self._copies[id(value)].array
         if isinstance(value, list):
             return [self._read(each) for each in value]
@@ -94,10 +108,12 @@ class CountingBackend:
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
         return value
 
-    def _upload(self, array: NDArray[Any]) -> _Held:
+    def upload(self, array: NDArray[Any]) -> _Held:
+        """See `beltscape.kernels.resident.ResidentOperations`."""
         self.traffic.add_upload(array.nbytes)
         return _Held(array)
 
-    def _download(self, held: _Held) -> NDArray[Any]:
-        self.traffic.add_download(held.array.nbytes)
-        return held.array.copy()
+    def download(self, array: _Held) -> NDArray[Any]:
+        """See `beltscape.kernels.resident.ResidentOperations`."""
+        self.traffic.add_download(array.array.nbytes)
+        return array.array.copy()

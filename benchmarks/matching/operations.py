@@ -147,6 +147,46 @@ def _count_candidates(given: Any, out: Sequence[Any]) -> float:
     return len(given.u) * (8 * given.reach / 2 * 2 + 9 * 4 + 9 * 8 * 4)
 
 
+def _count_rounds(given: Any, out: Sequence[Any]) -> float:
+    del out
+    return given.senders.shape[1] * sum(_count_layers(layers) for layers in given.rounds)
+
+
+_TWO_SUM = 7
+"""native/cuda/planes.cuh `PreciseSum`: a sum with its rounding error."""
+_MEDIAN = 2 * sum(24 - i for i in range(13))
+"""native/cuda/planes.cuh `median_of_window`: a minimum and a maximum of every pair up to the middle one."""
+_SEARCHED = 2 * 16
+"""Pixels that the search for a mask looks at, of a row and of rows above and below: 16 px to the next step."""
+
+
+def _count_means(given: Any, out: Sequence[Any]) -> float:
+    return out[0].size * _TWO_SUM * sum(given.size)
+
+
+def _count_extremes(given: Any, out: Sequence[Any]) -> float:
+    return out[0].size * sum(given.size)
+
+
+def _count_expression(given: Any, out: Sequence[Any]) -> float:
+    return out[0].size * len(given.program)
+
+
+def _count_each(number: int) -> Callable[[Any, Sequence[Any]], float]:
+    """Return the count of a kernel with a number of operations for each element of its result."""
+
+    def count(given: Any, out: Sequence[Any]) -> float:
+        del given
+        return number * out[0].size
+
+    return count
+
+
+def _count_plane(given: Any, out: Sequence[Any]) -> float:
+    del out
+    return given.plane.size
+
+
 OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "sweep_and_aggregate": _count_sweep,
     "propagate": _count_propagation,
@@ -161,5 +201,20 @@ OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "spline_coefficients": _count_spline,
     "gather": _count_gather,
     "candidate_surfaces": _count_candidates,
+    "exchange_messages": _count_rounds,
+    "evaluate_expression": _count_expression,
+    "average_windows": _count_means,
+    "find_extremes": _count_extremes,
+    "median_of_windows": _count_each(_MEDIAN),
+    "measure_distances": _count_each(_SEARCHED),
+    "average_areas": _count_plane,
+    "average_blocks": _count_plane,
+    "repeat_blocks": _count_each(1),
+    "subsample_plane": _count_each(1),
+    "interpolate_plane": _count_each(9),
+    "list_pixels": _count_each(1),
+    "put_pixels": _count_each(1),
+    "assign_addresses": _count_each(1),
+    "pick_best": _count_each(9),
 }
 """By kernel: a function of its record and its results to the number of its operations."""

@@ -2,9 +2,12 @@
 #pragma once
 
 #include "cuda/aggregate.cuh"
+#include "cuda/expression.cuh"
 #include "cuda/images.cuh"
 #include "cuda/least_squares.cuh"
 #include "cuda/networks.cuh"
+#include "cuda/pixels.cuh"
+#include "cuda/planes.cuh"
 #include "cuda/propagate.cuh"
 #include "cuda/selection.cuh"
 #include "cuda/sweep.cuh"

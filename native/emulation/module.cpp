@@ -98,4 +98,26 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(propagate_candidates);
     BELTSCAPE_KERNEL(propagate_direction);
     BELTSCAPE_KERNEL(pick_candidates);
+    BELTSCAPE_KERNEL(evaluate_floats);
+    BELTSCAPE_KERNEL(evaluate_bytes);
+    BELTSCAPE_KERNEL(sum_window_rows);
+    BELTSCAPE_KERNEL(average_window_columns);
+    BELTSCAPE_KERNEL(window_row_extremes);
+    BELTSCAPE_KERNEL(window_column_extremes);
+    BELTSCAPE_KERNEL(median_of_window);
+    BELTSCAPE_KERNEL(distance_along_row);
+    BELTSCAPE_KERNEL(distance_to_mask);
+    BELTSCAPE_KERNEL(average_areas);
+    BELTSCAPE_KERNEL(average_blocks);
+    BELTSCAPE_KERNEL(repeat_blocks);
+    BELTSCAPE_KERNEL(subsample_plane);
+    BELTSCAPE_KERNEL(interpolate_plane);
+    BELTSCAPE_KERNEL(count_pixels);
+    BELTSCAPE_KERNEL(sum_counts);
+    BELTSCAPE_KERNEL(list_pixels);
+    BELTSCAPE_KERNEL(copy_floats);
+    BELTSCAPE_KERNEL(put_pixels);
+    BELTSCAPE_KERNEL(begin_addresses);
+    BELTSCAPE_KERNEL(number_pixels);
+    BELTSCAPE_KERNEL(pick_best);
 }

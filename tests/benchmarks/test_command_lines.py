@@ -5,17 +5,21 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import os
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from beltscape.core.geometry.rig import scale_rig
+from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.kernels import load
 from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from tests.docs.program import parser_of
 from tests.synthetic.demo import DEMO, TRUE_RIG
@@ -106,9 +110,114 @@ def test_a_frame_on_the_emulated_gpu_is_measured_and_is_that_of_the_processor(ca
     assert {"sweep_and_aggregate", "normal_equations", "propagate"} <= set(measured.call_s)
     assert {"sweep_planes", "aggregate_direction", "sum_equations"} <= set(measured.launch_s)
     assert measured.is_repeatable
-    text = gpu.format_page("a frame", {}, gpu.count_traffic(problem), [measured])
+    text = gpu.format_page("a frame", gpu.count_traffic(problem), [measured])
     assert "Measured on emulated." in text
     assert "| `sweep_planes` | " in text
+
+
+def test_measurements_of_a_gpu_are_written_as_they_are():
+    gpu, measure, peers = (importlib.import_module(name) for name in ("gpu", "gpu_measure", "gpu_peers"))
+    work = {"warp": importlib.import_module("roofline").Work(3, 0.0, 3_350_000, 1e6)}
+    rows = [
+        peers.MatcherRow("Beltscape, GPU", (1000, 1000), 4, 100, 0.004, 0.05, 0.9),
+        peers.MatcherRow("slow", (1000, 1000), 4, 128, 0.5, None, 0.5),
+    ]
+    name = "NVIDIA H100 80GB HBM3, driver 580"
+    measured = measure.Measured(
+        name, "5 cameras", 0.005, {"warp": 2e-6, "gather": 1e-3}, {"warp_view": 1e-3}, 0.0001, 0.0, True, 2 << 30,
+        {1: 200.0, 2: 250.0}, 1.5, rows, work,
+    )  # fmt: skip
+    text = gpu.format_page("a frame", measure.FrameTraffic(work, 10, 2, 3), [measured])
+    assert f"Measured on {name}." in text
+    assert "takes 5.0 ms" in text
+    assert "It takes 1.50 J of the GPU." in text
+    assert "0.0100% are further than 0.001 mm" in text
+    assert "| Beltscape, GPU | 5 × 1000 × 1000 | 100 | 4.0 | 250.0 | 100.0 | 0.050 | 90.0% |" in text
+    assert "| slow | 5 × 1000 × 1000 | 128 | 500.0 | 2.0 | 1.0 | – | 50.0% |" in text
+    assert text.index("Beltscape, GPU") < text.index("| slow")
+    assert "| `warp` | 0.002 | 50.0% |" in text  # 1 µs by the H100's 3350 GB/s
+    assert "| `gather` | 1.000 | – |" in text
+    assert "not run" not in text
+
+
+def test_other_matchers_are_measured_on_the_same_pairs(capture, monkeypatch):
+    peers, measure = (importlib.import_module(name) for name in ("gpu_peers", "gpu_measure"))
+    problem = measure.read_problem(capture, capture.parent / "rig.json", "fast")
+    pairs = peers.rectify_pairs(problem.rig, problem.frame_set, problem.near_far_mm)
+    size_px = problem.rig.core_camera.size_px
+    true_mm = problem.make_matcher(load()).reconstruct(problem.frame_set, Silent()).depth_mm
+    monkeypatch.setattr(cv2, "cuda_GpuMat", np.asarray, raising=False)
+    monkeypatch.setattr(cv2, "cuda", FakeCuda(cv2.StereoSGBM.create(0, 256, 3, 72, 288)))
+    rows = peers.measure_others(pairs, size_px, true_mm)
+    assert [row.name for row in rows] == [
+        "OpenCV SGBM, processor", "OpenCV CUDA SGM (libSGM's kernels), GPU"
+    ]  # fmt: skip
+    for row in rows:
+        assert row.pairs == len(pairs) == len(problem.rig.auxiliaries)
+        assert row.size_px == size_px
+        assert row.error_mm is not None
+        assert row.error_mm < 5
+        assert row.measured_share > 0.3
+        assert row.evaluations_per_s > 0
+    assert rows[1].disparities in peers.CUDA_DISPARITIES
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_a_frame_copies_its_images_and_its_depth_and_little_else(capture, preset):
+    measure = importlib.import_module("gpu_measure")
+    problem = measure.read_problem(capture, capture.parent / "rig.json", preset)
+    width, height = problem.rig.core_camera.size_px
+    traffic = measure.count_traffic(problem)
+    images, depth = 4 * len(problem.rig.cameras), 13  # bytes a pixel
+    assert images + depth < (traffic.up + traffic.down) / (width * height) < 4 * (images + depth)
+
+
+class FakeCuda:
+    """OpenCV's module for CUDA with SGBM of the processor in the place of its SGM."""
+
+    def __init__(self, sgbm: cv2.StereoSGBM) -> None:
+        self._sgbm = sgbm
+
+    def getCudaEnabledDeviceCount(self) -> int:  # noqa: N802
+        return 1
+
+    def createStereoSGM(self, least: int, disparities: int) -> FakeCuda:  # noqa: N802
+        assert (least, disparities % 64) == (0, 0)
+        return self
+
+    def compute(self, left: np.ndarray, right: np.ndarray) -> Downloaded:
+        return Downloaded(self._sgbm.compute(left, right))
+
+
+class Downloaded:
+    """A result on the GPU."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._values = values
+
+    def download(self) -> np.ndarray:
+        return self._values
+
+
+@pytest.mark.thorough
+def test_the_script_of_graphics_processors_runs_to_its_end_without_one(capture, tmp_path):
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name, text in (("nvidia-smi", "exit 0"), ("compute-sanitizer", 'shift 4; exec "$@"')):
+        (programs / name).write_text(f"#!/bin/sh\n{text}\n")
+        (programs / name).chmod(0o755)
+    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["sh", str(BENCHMARKS / "gpu.sh"), str(capture), str(capture.parent / "rig.json"), str(tmp_path / "out")],
+        env=environment | {"VENV": sys.prefix, "DEVICE": "none"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    steps = [line.split(" after")[0] for line in (tmp_path / "out" / "steps.txt").read_text().splitlines()]
+    assert steps[1:] == [
+        f"{name}: exit code 0" for name in ("gpu", "measure", "tests", "memcheck", "racecheck")
+    ]
+    assert done.returncode == 0
+    assert "**Compiled and emulated, not run**" in (tmp_path / "out" / "GPU.md").read_text()
 
 
 @pytest.mark.parametrize("wheels", ["", "none"])

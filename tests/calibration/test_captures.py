@@ -221,12 +221,15 @@ def test_recorded_charuco_boards_close_by(real_data, tmp_path):
     assert list(found.detections.views) == ["1", "2", "3"]
     assert found.variant == PrintVariant(legacy=False, inverted=False)
     assert found.held_out is not None
-    assert found.held_out.median_px < 2.5
-    assert found.held_out.square_rms_mm < 0.06
+    assert (
+        found.held_out.median_px < 0.3
+    )  # 0.64 px and 0.022 mm where the print could not be stretched as a whole
+    assert found.held_out.square_rms_mm < 0.006
+    assert any("the board is stretched: its rows are 0.6" in line for line in found.warnings)
     assert not found.fit.is_sound
     assert found.warnings[: len(found.fit.findings)] == found.fit.findings
-    assert "far larger than the corners' own noise" in found.fit.findings[0]
-    assert min(own.chi2_per_dof for own in found.fit.cameras.values()) > 4
+    # the board at half the distance: each camera fits by itself within 0.36 px, together only within 3.6 px
+    assert "frames cal15, cal18, cal20 have no common instant" in found.fit.findings[0]
 
 
 @pytest.mark.thorough

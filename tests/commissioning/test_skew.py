@@ -158,16 +158,22 @@ def test_a_late_camera_fails_and_so_does_one_whose_delay_is_not_known_well_enoug
 
 
 def test_pictures_of_a_board_show_its_corners_where_they_are():
+    """To 0.007 px RMS, per axis; with a ray between fine texels 0.024 px, and 0.15 px at single corners."""
     detect_corners = make_two_sided_detector(BOARD, list_variants(BOARD)[0])
     grey = {name: np.full(lens.size_px[::-1], 90, np.uint8) for name, lens in RIG.cameras.items()}
-    pose = swing_board(RIG, BOARD, 0.3)
-    for name, image in BoardPictures(RIG, BOARD, grey).render(pose, 5).items():
-        corners = detect_corners(image)
-        assert corners is not None
-        assert len(corners) > 40
-        true = RIG.cameras[name].project((RIG.cam_from_core[name] @ pose).apply(POINTS[corners.ids]))
-        assert np.sqrt(np.mean(np.square(corners.pixels - true))) < 0.06
-        assert np.abs(np.mean(corners.pixels - true, axis=0)).max() < 0.02
+    pictures, errors = BoardPictures(RIG, BOARD, grey), list[np.ndarray]()
+    for time_s in (0.0, 0.7, 1.4):
+        pose = swing_board(RIG, BOARD, time_s)
+        for name, image in pictures.render(pose, 5).items():
+            corners = detect_corners(image)
+            assert corners is not None
+            assert len(corners) > 40
+            true = RIG.cameras[name].project((RIG.cam_from_core[name] @ pose).apply(POINTS[corners.ids]))
+            errors.append(corners.pixels - true)
+    off = np.concatenate(errors)
+    assert np.sqrt(np.mean(np.square(off))) < 0.010
+    assert np.abs(off.mean(axis=0)).max() < 0.002
+    assert np.abs(off).max() < 0.08
     behind = Pose(pose.rotation @ np.diag([1.0, -1.0, -1.0]), pose.translation_mm)
-    seen = BoardPictures(RIG, BOARD, grey).render(behind, 5)
+    seen = pictures.render(behind, 5)
     assert all((image == 90).all() for image in seen.values()), "the back of the board is not shown"

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.files.rig_limits import find_oddities, find_refusal, find_turning_radius_px
+from beltscape.files.rig_limits import find_horizon_px, find_oddities, find_refusal, find_turning_radius_px
 from tests.synthetic.demo import TRUE_RIG
 
 
@@ -98,3 +101,18 @@ def test_a_lens_with_a_pole_turns_back_beyond_every_pixel():
     limited = replace(camera, valid_radius_px=400.0)
     radius = limited.valid_radius
     assert radius / (1 - radius**2 / 2) * camera.focal_px.mean() == pytest.approx(400.0)
+
+
+def test_a_fisheye_whose_image_reaches_beyond_a_right_angle_needs_a_radius(tmp_path):
+    """The model turns back nowhere; the picture's corners look behind the camera."""
+    fisheye = Camera(
+        "a", (1200, 1000), np.full(2, 430.0), np.array([604.0, 493.0]), np.array([0.02, -0.01, 0.003, -0.001]),
+        "fisheye",
+    )  # fmt: skip
+    rig = Rig("a", {"a": fisheye}, {"a": Pose.identity()})
+    write_rig(tmp_path / "rig.json", rig)
+    with pytest.raises(InputError, match=r"looks 90° or more off its axis.* give valid_radius_px, below 673"):
+        read_rig(tmp_path / "rig.json")
+    limited = replace(fisheye, valid_radius_px=find_horizon_px(fisheye) - 1)
+    write_rig(tmp_path / "rig.json", Rig("a", {"a": limited}, {"a": Pose.identity()}))
+    assert read_rig(tmp_path / "rig.json").core_camera.valid_radius_px == limited.valid_radius_px

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 CUDA = Path(__file__).parents[2] / "native" / "cuda"
+FREE_BYTES = 10 << 20
+"""Of the fake GPU's memory."""
 _TYPES = {
     "unsigned long long": np.uint64, "unsigned char": np.uint8,
     "unsigned short": np.uint16, "int": np.int32, "float": np.float32, "double": np.float64
@@ -147,8 +149,11 @@ def install(monkeypatch: Any, gpu: FakeGpu) -> None:
         ctypes.memmove(to, source, size)
         return (0,)
 
+    def count_free() -> tuple[int, int, int]:
+        return 0, FREE_BYTES, 2 * FREE_BYTES
+
     core = SimpleNamespace(Device=Device, LaunchConfig=LaunchConfig, launch=gpu.launch)
-    driver = SimpleNamespace(cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy)
+    driver = SimpleNamespace(cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy, cuMemGetInfo=count_free)
     monkeypatch.setitem(sys.modules, "cuda.core", core)
     monkeypatch.setitem(sys.modules, "cuda.bindings", SimpleNamespace(driver=driver))
     back_end = "beltscape.kernels.cuda.cuda_device"

@@ -20,3 +20,7 @@ def first_alike(level: str) -> str:
 def emulated() -> tuple[str, ...]:
     """The emulated GPU in the order of the threads' numbers and in another one; nothing where it is not built."""
     return ("emulated", "emulated-1") if is_emulation_built() else ()
+
+
+ROUNDED = "average_windows", "evaluate_expression"
+"""Cases of the self-test whose last digits are those of OpenCV, and of logarithms of two libraries."""

@@ -16,6 +16,7 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.cuda.cuda_device import _SOURCE, ARCHITECTURES, compile_kernels
 from beltscape.kernels.native import source_folder
 from tests.kernels.fake_cuda import declared_kernels
+from tests.thorough import list_cases
 
 NATIVE = Path(__file__).parents[2] / "native"
 OPTIONS = ("--std=c++20", "--fmad=false")
@@ -61,7 +62,7 @@ def test_the_shared_headers_are_device_code(nvrtc):
     assert b"check_triangulate" in code
 
 
-@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("architecture", list_cases(ARCHITECTURES, ("sm_75", "sm_100")))
 def test_every_kernel_compiles_for_every_gpu_from_the_installed_headers(nvrtc, architecture):
     code, log = compiled(nvrtc, _SOURCE, architecture, source_folder())
     assert not log, log

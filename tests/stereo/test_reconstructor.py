@@ -18,7 +18,7 @@ from beltscape.kernels.native import levels
 from beltscape.stereo import settings as multiview_settings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
-from tests.kernels.rounding import emulated, first_alike
+from tests.kernels.rounding import first_alike
 from tests.stereo.raycast import compute_true_depth, make_camera, make_world_rig, render_frame
 from tests.stereo.scenes import compute_depth_mm, make_ring, patch, plane, quantise, render_images
 from tests.thorough import list_cases
@@ -223,8 +223,7 @@ def test_reference_kernels_give_the_depth_of_the_native_ones(tiny):
 def test_instruction_sets_of_equal_rounding_give_equal_bytes(tiny):
     rig, frames, _ = tiny
     runs = {
-        name: reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name))
-        for name in (*levels(), *emulated())
+        name: reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name)) for name in levels()
     }
     best = runs[levels()[-1]]
     for name, run in runs.items():

@@ -108,15 +108,20 @@ def make_wide_rig(seed: int, count: int = 4) -> Rig:
 
 
 def see_together(
-    rig: Rig, seed: int, bend_mm: float, count: int = 16, noise_px: float = 0.02, reach_mm: float = 200.0
-) -> BoardDetections:
+    rig: Rig, seed: int, bend_mm: float, count: int = 16, noise_px: float = 0.02, reach_mm: float = 200.0,
+    depths_mm: tuple[float, float] = (350.0, 700.0),
+) -> BoardDetections:  # fmt: skip
     """Return the views of boards before a ring of cameras, all over their images."""
     rng, shape = np.random.default_rng(seed + 100), bend_board(bend_mm)
     views: dict[str, dict[str, Corners]] = {name: {} for name in rig.cameras}
     for i in range(count):
         turn = Pose.of([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3)], np.zeros(3)).rotation
         at = np.array(
-            [-180 + rng.uniform(-reach_mm, reach_mm), rng.uniform(-reach_mm, reach_mm), rng.uniform(350, 700)]
+            [
+                -180 + rng.uniform(-reach_mm, reach_mm),
+                rng.uniform(-reach_mm, reach_mm),
+                rng.uniform(*depths_mm),
+            ]
         )
         pose = Pose(turn, at - turn @ BOARD_MM.mean(axis=0))
         for name, camera in rig.cameras.items():

@@ -8,6 +8,7 @@ import sys
 import unicodedata
 from collections.abc import Mapping
 from io import TextIOWrapper
+from math import isfinite
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
@@ -158,6 +159,13 @@ class Terminal:
             print_error(line)
         else:
             self._bars.console.print(line, style="yellow", highlight=False, soft_wrap=True, markup=False)
+
+
+def format_squares(score: Mapping[str, Any]) -> str:
+    """Return the error of triangulated squares, or that none was."""
+    if not isfinite(score["square_rms_mm"]):
+        return "no square seen by two cameras"
+    return f"square edge {score['square_bias_mm']:+z.4f} mm, RMS {score['square_rms_mm']:.4f} mm"
 
 
 def format_findings(fit: Mapping[str, Any]) -> list[str]:

@@ -79,7 +79,9 @@ def require_array(value: Any, argument: str, shape: tuple[int | None, ...]) -> N
         )
     if value.dtype.kind not in "fiu":
         raise ArgumentError(f"{argument} is an array of {value.dtype}: must be of numbers")
-    fits = value.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, value.shape, strict=True))
+    fits = value.shape == shape or (
+        value.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, value.shape, strict=True))
+    )
     if not fits:
         wanted = (
             "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," * (len(shape) == 1)) + ")"

@@ -38,6 +38,8 @@ _SAMPLES = 25
 """Pixels along each side of the grid on which a fold is searched; distortion is smooth between them."""
 _ROUNDED = 1e-6
 """Relative tolerance of a stated domain that ends where the lens turns back: rounding of the file's digits."""
+_HORIZON = 1e3
+"""tan θ that stands for 90° off the axis: 0.06° from it."""
 _ODD_REACH = 0.9
 """Share of the image's half diagonal below which a lens's stated domain is remarked on: boards rarely reach more."""
 
@@ -103,6 +105,13 @@ def _lens_refusals(camera: Camera) -> Iterator[str]:
     needed_px = find_corner_radius_px(camera) if stated_px is None else stated_px
     if has_fold(camera) if stated_px is None else turning_px < needed_px * (1 - _ROUNDED):
         values = ", ".join(f"{value:g}" for value in camera.distortion)
+        if np.isinf(turning_px):
+            yield (
+                f"camera {camera.name}: its image reaches {needed_px:.0f} px from the principal point, where a lens "
+                f"with distortion = [{values}] of model {camera.model} looks 90° or more off its axis; a rig uses "
+                f"less: give valid_radius_px, below {find_horizon_px(camera):.0f}"
+            )
+            return
         yield (
             f"camera {camera.name}: distortion = [{values}] of model {camera.model} turns back within the image, "
             f"{turning_px:.0f} px from the principal point, which no lens does (the farthest pixel lies at "
@@ -118,6 +127,12 @@ def find_turning_radius_px(camera: Camera) -> float:
     radius = BEFORE_POLE * turning
     factor = camera.lens.radial.compute(np.array(radius**2), camera.distortion)
     return float(radius * factor * camera.focal_px.mean())
+
+
+def find_horizon_px(camera: Camera) -> float:
+    """Return the distance from the principal point of the directions at right angles to the axis, px of the image."""
+    factor = camera.lens.radial.compute(np.array(_HORIZON**2), camera.distortion)
+    return float(_HORIZON * factor * camera.focal_px.mean())
 
 
 def find_corner_radius_px(camera: Camera) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,8 @@ def flags(name: str, array: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArra
     """Return contiguous uint8 of a shape, from uint8 or bool, or raise KernelError."""
     if array.shape != shape or array.dtype not in (np.dtype(np.uint8), np.dtype(np.bool_)):
         raise KernelError(f"{name} must be uint8 or bool {shape}, not {array.dtype} {array.shape}")
-    if isinstance(array, ResidentArray) and array.dtype == np.uint8:
-        return array
+    if isinstance(array, ResidentArray):
+        return array.astype(np.uint8, copy=False)
     return np.ascontiguousarray(array).view(np.uint8)
 
 
@@ -68,7 +69,12 @@ def image_sizes(sizes: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
 def pixel_indices(
     u: NDArray[np.integer], v: NDArray[np.integer], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return (N,) columns and rows within (H, W) as float32, or raise KernelError."""
+    """Return (N,) columns and rows within (H, W) as float32, or raise KernelError.
+
+    Those on a device are float32 already: `find_pixels` found them in a mask of that shape.
+    """
+    if isinstance(u, ResidentArray) and isinstance(v, ResidentArray):
+        return cast("tuple[NDArray[np.float32], NDArray[np.float32]]", (u, v))
     for name, index, size in (("u", u, shape[1]), ("v", v, shape[0])):
         if index.ndim != 1 or not len(index) or len(index) != len(u) or index.dtype.kind not in "iu":
             raise KernelError(f"{name} must be ({len(u)},) integers, not {index.dtype} {index.shape}")

@@ -14,20 +14,8 @@ from numpy.typing import NDArray
 from beltscape.core.errors import KernelError
 from beltscape.kernels.arrays import float32, pixel_indices, spline
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.expressions import GatherInput
 from beltscape.kernels.projection import PROJECTION_SIZE
-
-
-class GatherInput(NamedTuple):
-    """Checked input of `gather`."""
-
-    planes: list[NDArray[np.float32]]
-    """P of (H, W)"""
-    u: NDArray[np.float32]
-    """(N,)"""
-    v: NDArray[np.float32]
-    """(N,)"""
-    offsets: NDArray[np.int32]
-    """(K, 2)"""
 
 
 class GatheringKernels(KernelFamily):

@@ -48,5 +48,10 @@ class NativeBackend:
         self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
         """See `beltscape.kernels.backend.Backend`."""
-        getattr(self._module, kernel)(given, out, threads or count_usable_cores())
+        function = getattr(self._module, kernel, None)
+        if function is None:  # one of OpenCV's or NumPy's
+            from beltscape.kernels import opencv_planes
+
+            return opencv_planes.run(kernel, given, out)
+        function(given, out, threads or count_usable_cores())
         return out

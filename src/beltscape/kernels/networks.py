@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import KernelError
 from beltscape.kernels.arrays import float32
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.resident import ResidentArray
 
 _MOST_UNITS = 256
 """Largest number of inputs, and of units of a layer; the native kernel's arrays have this size."""
@@ -201,7 +202,9 @@ class MessagePassingKernels(KernelFamily):
         length = own // (len(senders) - 1)
         inputs = len(senders) * (length + len(FLAGS)) + len(states) - length
         weights = [network_layers(layers, "inputs", inputs) for layers in rounds]
-        given = MessageRoundsInput(checked, np.ascontiguousarray(senders, np.int32), weights, length)
+        if not isinstance(senders, ResidentArray):
+            senders = np.ascontiguousarray(senders, np.int32)
+        given = MessageRoundsInput(checked, senders, weights, length)
         if not hasattr(self.backend, "keep"):
             return exchange_by_rounds(self, given, threads)
         out = np.empty((len(weights[-1][-1]), pixels), np.float32)

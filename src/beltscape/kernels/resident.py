@@ -1,88 +1,219 @@
-"""Arrays that stay in a GPU's memory between kernels and copy themselves to the processor where NumPy reads them."""
+"""Arrays that stay in a GPU's memory between kernels and copy themselves to the processor where NumPy reads them.
+
+NumPy's element-wise functions of such arrays are computed on the GPU, too, once their result is needed
+(`expressions`). Functions that the GPU lacks read the processor's copies.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from math import prod
+from operator import attrgetter
 from threading import Lock
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import DTypeLike, NDArray
 
-Copy = Callable[[Any], NDArray[Any]]
-"""Copies an array of the device to the processor."""
+from beltscape.kernels.expressions import (
+    BOOL,
+    BYTE,
+    FLOAT,
+    LOAD,
+    MOST_LENGTH,
+    TO_BYTE,
+    WHERE,
+    BlocksInput,
+    Expression,
+    GatherInput,
+    ProgramWriter,
+    ResidentOperations,
+    find_result_type,
+    number_of,
+    wraps_around,
+)
+
+_NO_OFFSET = np.zeros((1, 2), np.int32)
+"""Of a pixel itself."""
 
 
-class ResidentArray(NDArrayOperatorsMixin):
-    """An array of the device, of the processor, or of both; kernels take the one and NumPy the other.
+class _Value:
+    """The elements of an array: on the processor, on the device, on both, or an expression to be computed."""
 
-    It is read-only: results of NumPy are new arrays of the processor. Each of both copies is made once, when it is
-    first needed. Where the device is lost, reading a result that only the device has raises what ``copy`` raises.
-    """
+    __slots__ = ("device", "dtype", "expression", "host", "lock", "operations", "shape")
 
     def __init__(
         self,
         shape: tuple[int, ...],
         dtype: DTypeLike,
+        operations: ResidentOperations | None,
         *,
         host: NDArray[Any] | None = None,
         device: Any = None,
-        copy: Copy | None = None,
+        expression: Expression | None = None,
     ) -> None:
         self.shape = shape
         self.dtype = np.dtype(dtype)
-        self.ndim = len(shape)
-        self.size = prod(shape)
-        self._host = host
-        self._device = device
-        self._copy = copy
-        self._lock = Lock()
+        self.operations = operations
+        self.host = host
+        self.device = device
+        self.expression = expression
+        self.lock = Lock()
+
+    @property
+    def length(self) -> int:
+        """Operations that a program needs for it."""
+        expression = self.expression
+        return expression.length if expression else 1
+
+    def read(self) -> NDArray[Any]:
+        """Return the array of the processor, read-only, downloaded at the first call; the lock is held."""
+        if self.host is None:
+            self.compute()
+            assert self.operations is not None
+            self.host = self.operations.download(self.device)
+            self.host.setflags(write=False)
+        return self.host
+
+    def compute(self) -> None:
+        """Compute an expression on the device; the lock is held."""
+        if self.expression is None:
+            return
+        assert self.operations is not None
+        writer = ProgramWriter()
+        writer.add_expression(self.expression)
+        flat = _flatten(self.shape)
+        arrays = [ResidentArray(each).reshape(_flatten(each.shape)) for each in writer.inputs]
+        given, out = writer.finish(arrays), np.empty(flat, self.dtype)
+        (result,) = self.operations.run("evaluate_expression", given, (out,), 1)
+        assert isinstance(result, ResidentArray)
+        self.device = result.reshape(self.shape).on_device(self.operations.upload)
+        self.expression = None
+
+
+def _flatten(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return the shape of two axes for an expression's result or operand; of more axes all have the same shape."""
+    if len(shape) <= 2:
+        return cast("tuple[int, int]", (1,) * (2 - len(shape)) + shape)
+    return 1, prod(shape)
+
+
+class ResidentArray(NDArrayOperatorsMixin):
+    """An array of the device, of the processor, or of both; kernels take the one and NumPy the other.
+
+    Elements are not assigned: results are new arrays, and ``out=`` of a result makes it another array. Each of both
+    copies is made once, when it is first needed. Where the device is lost, reading a result that only the device has
+    raises what its back end's ``download`` raises.
+    """
+
+    def __init__(self, value: _Value, *, kept: bool = False) -> None:
+        self._value = value
+        self._is_kept = kept
 
     @classmethod
-    def from_host(cls, array: NDArray[Any]) -> ResidentArray:
+    def from_host(cls, array: NDArray[Any], operations: ResidentOperations | None = None) -> ResidentArray:
         """Return the array for the device, which copies it at its first use; the array becomes read-only."""
         array = np.ascontiguousarray(array)
         array.setflags(write=False)
-        return cls(array.shape, array.dtype, host=array)
+        return cls(_Value(array.shape, array.dtype, operations, host=array), kept=True)
 
     @classmethod
-    def from_device(cls, array: Any, copy: Copy) -> ResidentArray:
-        """Return a result of the device; ``copy`` brings it to the processor."""
-        return cls(array.shape, array.dtype, device=array, copy=copy)
+    def from_device(cls, array: Any, operations: ResidentOperations) -> ResidentArray:
+        """Return a result of the device."""
+        return cls(_Value(array.shape, array.dtype, operations, device=array))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Elements along each axis."""
+        return self._value.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the elements."""
+        return self._value.dtype
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self._value.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self._value.shape)
+
+    @property
+    def operations(self) -> ResidentOperations | None:
+        """The back end that computes with it; None for an array that was kept without one."""
+        return self._value.operations
 
     def on_device(self, upload: Callable[[NDArray[Any]], Any]) -> Any:
-        """Return the array of the device, uploaded at the first call."""
-        with self._lock:
-            if self._device is None:
-                self._device = upload(self._read())
-            return self._device
+        """Return the array of the device, computed or uploaded at the first call."""
+        value = self._value
+        with value.lock:
+            value.compute()
+            if value.device is None:
+                value.device = upload(value.read())
+            return value.device
 
     def on_host(self) -> NDArray[Any]:
-        """Return the array of the processor, read-only, downloaded at the first call."""
-        with self._lock:
-            return self._read()
-
-    def _read(self) -> NDArray[Any]:
-        if self._host is None:
-            assert self._copy is not None
-            self._host = self._copy(self._device)
-            self._host.setflags(write=False)
-        return self._host
+        """Return the array of the processor, read-only, computed and downloaded at the first call."""
+        with self._value.lock:
+            return self._value.read()
 
     def astype(self, dtype: DTypeLike, *, copy: bool = True) -> Any:
         """Return the values as another type; without ``copy`` the array itself where it has that type."""
-        return self if np.dtype(dtype) == self.dtype and not copy else self.on_host().astype(dtype)
+        kind = np.dtype(dtype)
+        if kind == self.dtype and not copy:
+            return self
+        if self.operations is None or kind not in (FLOAT, BYTE) or self.dtype not in (FLOAT, BYTE, BOOL):
+            return self.on_host().astype(kind)
+        if (self.dtype, kind) == (BOOL, BYTE):
+            return self.view(kind)
+        operation = TO_BYTE if kind == BYTE and self.dtype == FLOAT else LOAD
+        return _make_expression(operation, [self._value], self.shape, kind, self.operations)
+
+    def copy(self) -> Any:
+        """Return the values for changes in place, which leave this array as it is."""
+        return ResidentArray(self._value)
 
     def reshape(self, *shape: Any) -> Any:
         """Return the same values in another shape, on the device where they are there."""
         wanted = shape[0] if len(shape) == 1 and isinstance(shape[0], tuple) else shape
         known = prod(n for n in wanted if n != -1)
         full = tuple(self.size // known if n == -1 else int(n) for n in wanted)
-        if self._device is None or self._copy is None:
-            return self.on_host().reshape(full)
-        return self.from_device(self._device.reshaped(full), self._copy)
+        if full == self.shape:
+            return self
+        return self._share(lambda array: array.reshaped(full), lambda array: array.reshape(full))
+
+    def ravel(self) -> Any:
+        """Return the same values along one axis."""
+        return self.reshape(-1)
+
+    def view(self, dtype: DTypeLike) -> Any:
+        """Return the same bits as elements of another type of the same size."""
+        return self._share(lambda array: array.viewed(np.dtype(dtype)), lambda array: array.view(dtype))
+
+    def _share(self, of_device: Callable[[Any], Any], of_host: Callable[[Any], Any]) -> Any:
+        """Return a part or another form of the same memory: of the device's, if there is one."""
+        operations = self._value.operations
+        if operations is None:
+            return of_host(self.on_host())
+        return self.from_device(of_device(self.on_device(operations.upload)), operations)
+
+    def _part(self, of_device: Callable[[Any], Any], index: Any) -> Any:
+        """Return a part of the same memory: of the processor's, if it has a copy."""
+        if self._value.host is not None:
+            return self._value.host[index]
+        return self._share(of_device, lambda array: array[index])
+
+    def clip(self, low: Any = None, high: Any = None, out: Any = None) -> Any:
+        """Return the values within bounds; NaN stays."""
+        result: Any = self
+        if low is not None:
+            result = np.maximum(result, low)
+        return np.minimum(result, np.inf if high is None else high, out=out)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         array = self.on_host()
@@ -91,15 +222,65 @@ class ResidentArray(NDArrayOperatorsMixin):
         return array.copy() if copy else array
 
     def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        """Compute with the processor's arrays."""
-        if any(isinstance(out, ResidentArray) for out in options.get("out", ())):
+        """Compute on the device what it can, and else with the processor's arrays."""
+        (out,) = options.pop("out", (None,))
+        result = None
+        if method == "__call__" and not options:
+            result = _apply(function, inputs)
+        if result is None:
+            result = getattr(function, method)(*map(as_host, inputs), **options)
+        if out is None:
+            return result
+        if not isinstance(out, ResidentArray):
+            np.copyto(out, as_host(result))
+        elif out._is_kept or not isinstance(result, ResidentArray):
             return NotImplemented  # read-only
-        return getattr(function, method)(*map(as_host, inputs), **options)
+        elif (result.shape, result.dtype) != (out.shape, out.dtype):
+            return NotImplemented
+        else:
+            out._value = result._value
+        return out
+
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        """Compute NumPy's other functions: those below on the device, the rest with the processor's arrays."""
+        del types
+        found = _FUNCTIONS.get(function)
+        result = found(*args, **options) if found else None
+        if result is not None:
+            return result
+        return function(*map(as_host, args), **{name: as_host(each) for name, each in options.items()})
 
     def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, int) and self._host is None and self._copy is not None and self.ndim > 1:
-            return self.from_device(self._device.part(index), self._copy)
-        return self.on_host()[index]
+        if self.operations is not None and index is None:
+            return self.reshape((1, *self.shape))
+        if isinstance(index, int) and self.ndim > 1:
+            return self._part(lambda array: array.part(index), index)
+        if isinstance(index, slice) and index.step in (None, 1):
+            first, last, _ = index.indices(self.shape[0])
+            return self._part(lambda array: array.rows(first, max(first, last)), index)
+        if _is_pixels(index) and self.ndim == 2 and self.dtype in (FLOAT, BYTE, BOOL):
+            return self._gather(*index)
+        if (every := _find_step(index)) and self.ndim == 2 and self.dtype == FLOAT:
+            return self._subsample(every)
+        return self.on_host()[as_host(index)]
+
+    def _gather(self, rows: ResidentArray, columns: ResidentArray) -> Any:
+        """Return the values (N,) at some pixels."""
+        assert rows.operations is not None
+        given = GatherInput(
+            [self.astype(FLOAT, copy=False)], cast("Any", columns), cast("Any", rows), _NO_OFFSET
+        )
+        (values,) = rows.operations.run("gather", given, (np.empty((1, rows.size), FLOAT),), 1)
+        return values.reshape(-1)
+
+    def _subsample(self, every: slice) -> Any:
+        """Return every n-th value of every n-th row."""
+        if self.operations is None or self._value.host is not None:
+            return self.on_host()[every, every]
+        first = every.start or 0
+        shape = tuple(len(range(first, size, every.step)) for size in self.shape)
+        given = BlocksInput(cast("Any", self), every.step, first)
+        return self.operations.run("subsample_plane", given, (np.empty(shape, FLOAT),), 1)[0]
 
     def __iter__(self) -> Iterator[Any]:
         return (self[i] for i in range(len(self)))
@@ -112,6 +293,141 @@ class ResidentArray(NDArrayOperatorsMixin):
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.on_host(), name)
+
+
+def _is_pixels(index: Any) -> bool:
+    """Return whether an index is the rows and columns of some pixels, on the device."""
+    return isinstance(index, tuple) and len(index) == 2 and all(isinstance(i, ResidentArray) for i in index)
+
+
+def _find_step(index: Any) -> slice | None:
+    """Return the slice that an index takes of rows and columns, if it is the same for both and has no end."""
+    if not (
+        isinstance(index, tuple) and len(index) == 2 and isinstance(index[0], slice) and index[0] == index[1]
+    ):
+        return None
+    every = index[0]
+    return every if every.stop is None and (every.step or 1) > 1 and (every.start or 0) >= 0 else None
+
+
+def _find_operations(operands: Sequence[Any]) -> ResidentOperations | None:
+    found = (each.operations for each in operands if isinstance(each, ResidentArray))
+    return next((each for each in found if each is not None), None)
+
+
+def _apply(function: Any, inputs: Sequence[Any]) -> Any:
+    """Return NumPy's function of some operands as an expression; None where the device lacks it."""
+    operations = _find_operations(inputs)
+    kind = find_result_type(function, tuple(map(_type_of, inputs)))
+    if operations is None or kind is None:
+        return None
+    operands = [_as_operand(each, operations) for each in inputs]
+    result = _make_expression(number_of(function), operands, _join_shapes(operands), kind, operations)
+    if result is not None and wraps_around(function, kind):
+        return _make_expression(TO_BYTE, [result._value], result.shape, kind, operations)
+    return result
+
+
+def _where(mask: Any, *both: Any) -> Any:
+    """Compute `numpy.where` of three operands."""
+    operations = _find_operations((mask, *both))
+    if len(both) != 2 or operations is None or _type_of(mask) != BOOL:
+        return None
+    scalars = (np.float32(0) if _type_of(each) is float else each for each in both)
+    kind = np.result_type(*(_type_of(each) if np.ndim(each) else each for each in scalars))
+    if kind not in (FLOAT, BYTE, BOOL) or any(
+        _type_of(each) not in (FLOAT, BYTE, BOOL, float, int) for each in both
+    ):
+        return None
+    operands = [_as_operand(each, operations) for each in (mask, *both)]
+    return _make_expression(WHERE, operands, _join_shapes(operands), kind, operations)
+
+
+def _fill_like(array: Any, value: float, dtype: DTypeLike | None = None) -> Any:
+    """Compute `numpy.full_like`."""
+    kind = np.dtype(dtype or array.dtype)
+    if not isinstance(array, ResidentArray) or array.operations is None or kind not in (FLOAT, BYTE, BOOL):
+        return None
+    return _make_expression(LOAD, [float(value)], array.shape, kind, array.operations)
+
+
+def _zeros_like(array: Any, dtype: DTypeLike | None = None) -> Any:
+    return _fill_like(array, 0, dtype)
+
+
+def _ones_like(array: Any, dtype: DTypeLike | None = None) -> Any:
+    return _fill_like(array, 1, dtype)
+
+
+def _broadcast(array: Any, shape: tuple[int, ...]) -> Any:
+    """Compute `numpy.broadcast_to`."""
+    if not isinstance(array, ResidentArray) or array.operations is None:
+        return None
+    return _make_expression(LOAD, [array._value], shape, array.dtype, array.operations)
+
+
+def _clip(array: Any, low: Any = None, high: Any = None, out: Any = None) -> Any:
+    return array.clip(low, high, out) if isinstance(array, ResidentArray) else None
+
+
+_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    np.where: _where,
+    np.clip: _clip,
+    np.full_like: _fill_like,
+    np.zeros_like: _zeros_like,
+    np.ones_like: _ones_like,
+    np.broadcast_to: _broadcast,
+    np.shape: attrgetter("shape"),
+    np.ndim: attrgetter("ndim"),
+    np.size: attrgetter("size"),
+}
+
+
+def _type_of(operand: Any) -> Any:
+    """Return the type of an operand's elements; Python's numbers have Python's types."""
+    if isinstance(operand, bool):
+        return BOOL
+    return type(operand) if isinstance(operand, int | float) and not isinstance(operand, np.generic) else (
+        operand.dtype if hasattr(operand, "dtype") else np.dtype(object)
+    )  # fmt: skip
+
+
+def _as_operand(given: Any, operations: ResidentOperations) -> Any:
+    """Return a number, or the value of an array; one of the processor is copied, because it may change."""
+    if isinstance(given, ResidentArray):
+        return given._value
+    array = np.asarray(given)
+    if array.ndim == 0:
+        return float(array)
+    return ResidentArray.from_host(np.array(array, order="C"), operations)._value
+
+
+def _join_shapes(operands: Sequence[Any]) -> tuple[int, ...]:
+    return np.broadcast_shapes(*(each.shape for each in operands if isinstance(each, _Value)))
+
+
+def _make_expression(
+    operation: int, operands: list[Any], shape: tuple[int, ...], kind: Any, operations: ResidentOperations
+) -> Any:
+    """Return the array of an expression; None where its operands are spread over more than two axes."""
+    arrays = [each for each in operands if isinstance(each, _Value)]
+    if len(shape) > 2 and any(each.shape != shape for each in arrays):
+        return None
+    length = 1 + sum(each.length if isinstance(each, _Value) else 1 for each in operands)
+    if length > MOST_LENGTH:
+        for each in arrays:
+            with each.lock:
+                each.compute()
+        length = 1 + len(operands)
+    expression = Expression(operation, tuple(operands), length)
+    return ResidentArray(_Value(shape, kind, operations, expression=expression))
+
+
+def to_processor(array: Any) -> NDArray[Any]:
+    """Return an array of the processor that may be changed; one of the device is not kept besides."""
+    if not isinstance(array, ResidentArray) or array.operations is None:
+        return np.array(array, copy=None)
+    return array.operations.download(array.on_device(array.operations.upload))
 
 
 def as_host(value: Any) -> Any:

@@ -142,6 +142,28 @@ def _messages(kernels: Any) -> Sequence[NDArray[Any]]:
     return [kernels.pass_messages(messages, senders, state, layers)]
 
 
+def _windows(kernels: Any) -> Sequence[NDArray[Any]]:
+    plane, mask = _texture(3), _random(7).random((_HEIGHT, _WIDTH)) < 0.02
+    pixels = kernels.list_pixels(mask)
+    return [
+        kernels.average_windows(plane, (9, 15)),
+        kernels.find_extremes(plane, (5, 11), largest=True),
+        kernels.median_of_windows(plane),
+        kernels.measure_distances(mask),
+        kernels.average_areas(plane, (_WIDTH // 4, _HEIGHT // 3)),
+        kernels.put_pixels(plane, pixels, np.arange(len(pixels[0]), dtype=np.float32)),
+    ]
+
+
+def _expression(kernels: Any) -> Sequence[NDArray[Any]]:
+    def compute(resident: Any) -> list[NDArray[Any]]:
+        a, b = resident.keep(_texture(1)), resident.keep(_texture(2) - 100)
+        roots = np.sqrt(np.abs(b)) / (1 + np.exp(-b / 20))
+        return [np.asarray(each) for each in (np.log(a + np.float32(0.1)) + roots, np.hypot(a, b) > 150)]
+
+    return kernels.run_resident(compute)
+
+
 _CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "sweep_and_aggregate": _sweep,
     "normal_equations": _normal_equations,
@@ -151,4 +173,6 @@ _CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "propagate": _propagate,
     "photo_consistency": _candidates,
     "pass_messages": _messages,
+    "average_windows": _windows,
+    "evaluate_expression": _expression,
 }

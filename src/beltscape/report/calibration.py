@@ -117,8 +117,16 @@ def _describe_verdict(calibration: Calibration) -> str:
     doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.findings)}. "
     return (
         f"{doubt}{len(rig.cameras)} cameras about {rig.core}. On {views}, the reprojection error "
-        f"is {score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
-        f"measures {board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
+        f"is {score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, {_describe_squares(board, score)}."
+    )
+
+
+def _describe_squares(board: Board, score: Score) -> str:
+    if not score.has_squares:
+        return "and no square was seen by two cameras"
+    return (
+        f"and a {board.square_mm:g} mm square measures {board.square_mm + score.square_bias_mm:.3f} ± "
+        f"{score.square_rms_mm:.3f} mm"
     )
 
 
@@ -206,9 +214,9 @@ def _make_tiles(score: Score, depth: DepthSigma) -> Tiles:
             Tile("reprojection error, RMS", f"{score.rms_px:.3f}", "px", f"median {score.median_px:.3f} px"),
             Tile(
                 "square edge, RMS error",
-                f"{score.square_rms_mm:.3f}",
+                _format_mm(score.square_rms_mm, ".3f"),
                 "mm",
-                f"bias {score.square_bias_mm:+z.4f} mm",
+                f"bias {_format_mm(score.square_bias_mm, '+z.4f')} mm",
             ),
             Tile(
                 "depth σ from calibration",
@@ -234,12 +242,17 @@ def _make_score_table(held_out: Score | None, training: Score) -> Table:
     return Table(
         ["", "RMS px", "median px", "square bias mm", "square RMS mm", "planarity RMS mm", "views", "corners"],
         [
-            [name, f"{s.rms_px:.4f}", f"{s.median_px:.4f}", f"{s.square_bias_mm:+z.4f}", f"{s.square_rms_mm:.4f}",
-             f"{s.planarity_rms_mm:.4f}", f"{s.views}", f"{s.corners}"]
+            [name, f"{s.rms_px:.4f}", f"{s.median_px:.4f}", _format_mm(s.square_bias_mm, "+z.4f"),
+             _format_mm(s.square_rms_mm, ".4f"), _format_mm(s.planarity_rms_mm, ".4f"), f"{s.views}", f"{s.corners}"]
             for name, s in rows if s is not None
         ],
         "Held out: each half of the frames scored with the rig from the other half. Training scores are optimistic.",
     )  # fmt: skip
+
+
+def _format_mm(length_mm: float, form: str) -> str:
+    """Return a length; a dash where no two cameras saw what it is of."""
+    return format(length_mm, form) if np.isfinite(length_mm) else "–"
 
 
 def _make_fit_table(fit: FitQuality) -> Table:

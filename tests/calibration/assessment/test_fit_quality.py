@@ -163,8 +163,9 @@ def test_a_part_of_the_corners_that_fits_far_worse_is_a_finding():
 @pytest.mark.parametrize(
     ("fit", "has_far"),
     [
-        (CameraFit(0.02, 0.013, 0.127), True),
-        (CameraFit(0.02, 0.013, 0.09), False),
+        (CameraFit(0.02, 0.013, 0.127, 0.02), True),
+        (CameraFit(0.02, 0.013, 0.127, 0.0005), False),  # a single corner
+        (CameraFit(0.02, 0.013, 0.09, 0.02), False),
         (CameraFit(0.02, 0.04, 0.127), False),
         (CameraFit(0.2, 0.013, 0.3), False),  # a pattern, which is reported as such
     ],

@@ -60,6 +60,9 @@ Sound sets have 0.6 to 3, lenses or boards that the model does not follow 10 to 
 MAX_RMS_FACTOR, MIN_RMS_PX = 4.0, 0.1
 """RMS over the corners' noise, and RMS in px, from which on a part of a camera's image or views does not fit: noise
 alone makes 1.4. The robust σ does not see a lens that is wrong at the edge of the image only."""
+MIN_FAR_SHARE = 0.005
+"""Share of a camera's corners that are far off from which on they are a part of it: single corners that a detector
+misplaced by some px are left out of the rig and counted."""
 FAR = 4.5
 """Corners with larger errors, in robust standard deviations of their camera, are far off."""
 
@@ -74,12 +77,14 @@ class CameraFit:
     """One standard deviation of a corner's coordinate, from its neighbours; NaN with too few of them."""
     rms_px: float = float("nan")
     """RMS length of the residuals."""
+    far_share: float = 1.0
+    """Share of the residuals that are far off."""
 
     @property
     def has_far_residuals(self) -> bool:
         """Whether a part of the corners fits far worse than noise, though the robust σ is no pattern."""
         far = self.rms_px > max(MAX_RMS_FACTOR * self.corner_noise_px, MIN_RMS_PX)
-        return bool(far and not self.is_pattern())
+        return bool(far and self.far_share > MIN_FAR_SHARE and not self.is_pattern())
 
     @property
     def chi2_per_dof(self) -> float:
@@ -135,16 +140,21 @@ def estimate_residual_sigma_px(errors_px: Iterable[NDArray[np.float64]]) -> floa
 def compute_camera_fits(rig_errors: RigErrors, triples: NDArray[np.int64]) -> dict[str, CameraFit]:
     """Return each camera's residuals against its corners' noise, for the cameras that have any."""
     return {
-        name: CameraFit(
-            estimate_residual_sigma_px(view.errors_px for view in views.values()),
-            estimate_corner_noise_px(views.values(), triples),
-            float(
-                np.sqrt((np.concatenate([view.errors_px for view in views.values()]) ** 2).sum(axis=1).mean())
-            ),
-        )
+        name: _compute_fit(list(views.values()), triples)
         for name, views in rig_errors.residuals.items()
         if views
     }
+
+
+def _compute_fit(views: Sequence[ViewResiduals], triples: NDArray[np.int64]) -> CameraFit:
+    errors = np.concatenate([view.errors_px for view in views])
+    lengths, sigma_px = np.linalg.norm(errors, axis=1), estimate_robust_sigma(errors)
+    return CameraFit(
+        sigma_px,
+        estimate_corner_noise_px(views, triples),
+        rms_px=float(np.sqrt((lengths**2).mean())),
+        far_share=float((lengths > FAR * sigma_px).mean()),
+    )
 
 
 def assess_fit(

@@ -95,6 +95,11 @@ class Score:
     planarity_rms_mm: float
     """RMS out-of-plane distance of triangulated corners from the board."""
 
+    @property
+    def has_squares(self) -> bool:
+        """True if edges were triangulated: two cameras saw both ends at one instant."""
+        return bool(np.isfinite(self.square_rms_mm))
+
     def document(self) -> dict[str, float]:
         """Return plain values for JSON."""
         return asdict(self)
@@ -134,8 +139,11 @@ class RigErrors:
     def compute_edge_bias_error_mm(self) -> float:
         """Return the standard error of the mean edge error, from the scatter of the frames' means.
 
-        For a single frame it is the scatter of its edges, since errors within a frame are not independent.
+        For a single frame it is the scatter of its edges, since errors within a frame are not independent. ∞ where no
+        two cameras see the same corner.
         """
+        if not self.edge_errors_mm.size:
+            return float("inf")
         means = [self.edge_errors_mm[self.edge_frames == i].mean() for i in np.unique(self.edge_frames)]
         if len(means) < 2:
             return float(np.std(self.edge_errors_mm))

@@ -125,10 +125,15 @@ def _order_from_dark_end(
     return pixels if values[parity == 0].mean() < values[parity == 1].mean() else pixels[::-1].copy()
 
 
-NEIGHBOURS = 12
-"""Tags about one whose centres place its corners: a lens bends less over these than a contour errs."""
+NEIGHBOURS = 6
+"""Tags about one whose centres place its corners, and corners found about one that place it again: five amplify the
+errors of contours, over more of them a fisheye lens bends by several px."""
 MIN_TAGS = 5
 """Least number of tags for such a local homography; fewer place their own corners."""
+SEARCHES = 3
+"""Searches of an AprilGrid's corners: the second and the third start at places that neighbouring corners give."""
+MAX_DISAGREEMENT_PX = 1.0
+"""Distance of a found corner from where its neighbours expect it, from which on it is searched again there."""
 SEARCH_SHARE = 0.35
 """Half of the window in which a tag's corner is searched, over its distance from other edges; at 0.5 the windows
 reach the neighbouring corners of tilted tags."""
@@ -221,6 +226,8 @@ def find_aprilgrid(light: NDArray[np.uint8], board: AprilGrid) -> Corners | None
     placed = _place_corners(contours, board.corners_mm()[corners])
     ids_of_corners = corners.ravel()
     pixels = _search_corners(light, placed, board)
+    for _ in range(SEARCHES - 1):
+        pixels, placed = _search_again(light, placed, pixels, board.corners_mm()[ids_of_corners], board)
     order = np.argsort(ids_of_corners, kind="stable")
     return Corners(ids_of_corners[order], pixels[order])
 
@@ -265,8 +272,10 @@ def _search_corners(light: NDArray[np.uint8], pixels: Array, board: AprilGrid) -
     tags = pixels.reshape(-1, 4, 2)
     edges = np.linalg.norm(tags - np.roll(tags, 1, axis=1), axis=2).min(axis=1)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-    searched = np.empty_like(tags)
+    searched, last = tags.copy(), np.array(light.shape[::-1]) - 1
     for i, (tag, edge_px) in enumerate(zip(tags, edges, strict=True)):
+        if not ((tag >= 0) & (tag <= last)).all():  # the search refuses them
+            continue
         half = int(np.clip(SEARCH_SHARE * board.clear_share * edge_px, 2, 11))
         inside = np.ascontiguousarray(tag[:, None], np.float32)
         searched[i] = cv2.cornerSubPix(light, inside, (half, half), (-1, -1), criteria)[:, 0]
@@ -355,6 +364,34 @@ def _detect_faces(
     return [
         _refine_planar(board, image, corners, variant) for board, corners in zip(boards, found, strict=True)
     ]
+
+
+def _search_again(
+    light: NDArray[np.uint8], placed: Array, searched: Array, on_board: Array, board: AprilGrid
+) -> tuple[Array, Array]:
+    """Return corners (4n, 2) searched again where none was found or its neighbours contradict it, and their places.
+
+    Tags' centres place corners of a strongly curved image, as of a fisheye lens, some px off; corners found do not.
+    """
+    is_found = (searched != placed).any(axis=1)
+    again = searched.copy()
+    for i, corner in enumerate(on_board):
+        others = np.flatnonzero(is_found & (np.arange(len(on_board)) != i))
+        near = others[
+            np.argsort(np.linalg.norm(on_board[others] - corner, axis=1), kind="stable")[:NEIGHBOURS]
+        ]
+        if len(near) < MIN_TAGS or not has_planar_extent(on_board[near]):
+            continue
+        homography, _ = cv2.findHomography(on_board[near], searched[near])
+        if homography is not None:
+            expected = cv2.perspectiveTransform(corner[None, None], homography)[0, 0]
+            is_off = np.linalg.norm(expected - searched[i]) > MAX_DISAGREEMENT_PX
+            again[i] = expected if is_off or not is_found[i] else searched[i]
+    is_kept = (again == searched).all(axis=1)[:, None]
+    if is_kept.all():
+        return searched, placed
+    repeated = _search_corners(light, again, board)
+    return np.where(is_kept, searched, repeated), np.where(is_kept, placed, again)
 
 
 def _make_light(image: Image, variant: PrintVariant) -> Grey:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.cli.arguments import add_output_folder
 from beltscape.cli.output import explain_failure
-from beltscape.cli.terminal import format_findings
+from beltscape.cli.terminal import format_findings, format_squares
 from beltscape.core.errors import CalibrationError, SettingsError
 from beltscape.core.progress import Reporter
 
@@ -243,8 +243,7 @@ def summary(result: Mapping[str, Any]) -> str:
         [
             *format_findings(result["fit"]),
             f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
-            f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
-            f"RMS {score['square_rms_mm']:.4f} mm",
+            f"{score['median_px']:.3f} px median, {format_squares(score)}",
             *([f"intrinsics given: {', '.join(given)}"] if given else []),
             *([result["left_out"]["words"]] if result["left_out"]["corners"] else []),
             *(f"note: {note}" for note in result["notes"]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +79,16 @@ def _format_delays(result: Mapping[str, Any]) -> str:
     return "\n".join([f"delays against the core, belt at {result['speed_mm_s']:g} mm/s", *lines])
 
 
+def _format_lengths(score: Mapping[str, Any]) -> list[str]:
+    """Return the errors of triangulated corners; one line where two cameras see none of them."""
+    if not isfinite(score["square_rms_mm"]):
+        return ["square edge    not measured: no two cameras see the same corner"]
+    return [
+        f"square edge    bias {score['square_bias_mm']:+z.4f} mm, RMS {score['square_rms_mm']:.4f} mm",
+        f"planarity      RMS {score['planarity_rms_mm']:.4f} mm",
+    ]
+
+
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines, findings against the rig first."""
     if "delays" in result:
@@ -87,8 +98,7 @@ def summary(result: Mapping[str, Any]) -> str:
         *format_findings(result["fit"]),
         f"{s['frames']} frames, {s['views']} views, {s['corners']} corners",
         f"reprojection   RMS {s['rms_px']:.3f} px, median {s['median_px']:.3f} px",
-        f"square edge    bias {s['square_bias_mm']:+z.4f} mm, RMS {s['square_rms_mm']:.4f} mm",
-        f"planarity      RMS {s['planarity_rms_mm']:.4f} mm",
+        *_format_lengths(s),
     ]
     for name, views in result["cameras"].items():
         if views:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 from numpy.typing import NDArray
 
 from beltscape.kernels.backend import Backend, gpu_failures
-from beltscape.kernels.cuda import images, least_squares, networks, selection, sweep
+from beltscape.kernels.cuda import images, least_squares, networks, pixels, planes, selection, sweep
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
 from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
@@ -45,6 +45,20 @@ _KERNELS: dict[str, _Kernel] = {
     "evaluate_network": _Kernel(networks.evaluate_network, networks.can_evaluate),
     "pass_messages": _Kernel(networks.pass_messages, networks.can_evaluate),
     "exchange_messages": _Kernel(networks.exchange_messages, networks.can_exchange),
+    "evaluate_expression": _Kernel(planes.evaluate_expression),
+    "average_windows": _Kernel(planes.average_windows),
+    "find_extremes": _Kernel(planes.find_extremes),
+    "median_of_windows": _Kernel(planes.median_of_windows),
+    "measure_distances": _Kernel(planes.measure_distances),
+    "average_areas": _Kernel(planes.average_areas),
+    "average_blocks": _Kernel(planes.average_blocks),
+    "repeat_blocks": _Kernel(planes.repeat_blocks),
+    "subsample_plane": _Kernel(planes.subsample_plane),
+    "interpolate_plane": _Kernel(planes.interpolate_plane),
+    "list_pixels": _Kernel(pixels.list_pixels),
+    "put_pixels": _Kernel(pixels.put_pixels),
+    "assign_addresses": _Kernel(pixels.assign_addresses),
+    "pick_best": _Kernel(pixels.pick_best),
 }
 
 KERNELS = tuple(_KERNELS)
@@ -91,7 +105,7 @@ class CudaBackend:
 class ResidentBackend:
     """Kernels whose results stay on the device until NumPy reads them; a device that fails raises DeviceError."""
 
-    pixels_at_once = 1 << 22
+    pixels_at_once = 1 << 18
     """Pixels that a call takes together: a GPU needs many, while a processor's cache holds few."""
 
     def __init__(self, whole: CudaBackend, device: GpuDevice, native: Backend) -> None:
@@ -109,19 +123,25 @@ class ResidentBackend:
             return self._native.run(kernel, as_host(given), out, threads)
         with open_workspace(self._device, self._whole.traffic) as work:
             results = plan(work, given, out)
-        return [cast("NDArray[Any]", ResidentArray.from_device(each, self._download)) for each in results]
+        return [cast("NDArray[Any]", ResidentArray.from_device(each, self)) for each in results]
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return an array that is copied to the device once, at its first use; it becomes read-only."""
         if isinstance(array, ResidentArray):
             return array
-        return cast("NDArray[Any]", ResidentArray.from_host(array))
+        return cast("NDArray[Any]", ResidentArray.from_host(array, self))
 
     def give_up(self, error: DeviceError) -> None:
         """See `CudaBackend.give_up`."""
         self._whole.give_up(error)
 
-    def _download(self, array: DeviceArray) -> NDArray[Any]:
+    def upload(self, array: NDArray[Any]) -> DeviceArray:
+        """Return a copy on the device of an array of the processor."""
+        with open_workspace(self._device, self._whole.traffic) as work:
+            return work.upload(array)
+
+    def download(self, array: DeviceArray) -> NDArray[Any]:
+        """Return a copy of an array of the device."""
         with open_workspace(self._device, self._whole.traffic) as work:
             return work.download_new(array)
 

@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.constants import ConstantCache
 from beltscape.kernels.cuda.device import Size
-from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
+from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.native import source_folder
 
 ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100")
 """Turing to Blackwell: what the tests compile for. Others compile at the plant for the GPU that is there."""
 
+_FREE_SHARE = 0.8
+"""Of the GPU's free memory, that frames may take together: the rest is for other programs."""
 _SOURCE = '#include "cuda/kernels.cuh"\n'
 
 
@@ -83,7 +86,7 @@ class CudaMemory:
 class CudaDevice:
     """One GPU. Every call has its own stream, so that calls of several threads and frames overlap."""
 
-    def __init__(self, number: int = 0, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, number: int = 0) -> None:
         if not is_library_present():
             raise KernelError(
                 "the kernels cuda need cuda-core, which is not installed; run: pip install 'beltscape[gpu]'"
@@ -91,16 +94,18 @@ class CudaDevice:
         from cuda.core import Device
 
         self.name = "cuda"
-        self.memory = MemoryPool(self._allocate, self._free, most_bytes)
         self._device = Device(number)
         try:
             self._device.set_current()
             self.model: str = self._device.name
             architecture = f"sm_{self._device.arch}"
             self._memory_stream = self._device.create_stream()
+            bound = int(_FREE_SHARE * _count_free_bytes())
         except Exception as error:  # no driver, no GPU, or one that other programs hold
             text = str(error).splitlines()[0]
             raise KernelError(f"there is no usable GPU: {text}; install Nvidia's driver") from error
+        self.memory = MemoryPool(self._allocate, self._free, bound)
+        self.constants = ConstantCache()
         self._code = compile_kernels(architecture)
         self._kernels: dict[str, Any] = {}
         self._streams: list[Any] = []
@@ -175,10 +180,20 @@ class CudaDevice:
         return self._kernels[name]
 
 
+def _count_free_bytes() -> int:
+    """Return the free memory of this thread's GPU."""
+    from cuda.bindings import driver
+
+    bindings: Any = driver  # whose stubs lack the function
+    error, free, _ = bindings.cuMemGetInfo()
+    _check((error,))
+    return int(free)
+
+
 def _check(result: tuple[Any, ...]) -> None:
     """Raise DeviceError where a call of the driver failed."""
     if int(result[0]):
-        raise DeviceError(f"{result[0].name} when copying")
+        raise DeviceError(f"the driver answers {result[0].name}")
 
 
 def _argument(given: Any) -> Any:

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from beltscape.kernels.cuda.constants import ConstantCache
 from beltscape.kernels.cuda.memory import DeviceArray, MemoryPool
 
 SHARED_BYTES = 48 << 10
@@ -21,6 +22,7 @@ class GpuDevice(Protocol):
 
     name: str
     memory: MemoryPool
+    constants: ConstantCache
 
     def open_stream(self) -> Any:
         """Return a stream for this thread."""

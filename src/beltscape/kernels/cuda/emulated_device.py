@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.constants import ConstantCache
 from beltscape.kernels.cuda.device import Size
 from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
 
@@ -62,6 +63,7 @@ class EmulatedDevice:
         self.memory = MemoryPool(
             EmulatedMemory, lambda *_: None, most_bytes, grain=1, prepare=EmulatedMemory.poison
         )
+        self.constants = ConstantCache()
         self._module = import_module(_MODULE)
         self._seed = seed
         self._launches = 0

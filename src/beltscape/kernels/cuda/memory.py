@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-MOST_BYTES = 6 << 30
-"""Bound of a pool: a frame of 48 × 36 px takes 591 bytes a pixel (emulated, preset ``standard``), so two frames of
-2448 × 2048 px in flight fit."""
+MOST_BYTES = 10 << 30
+"""Bound of a pool without a GPU: a frame takes 650 to 990 bytes a pixel (emulated, preset ``standard``; the more
+pixels are refined, the more), so two frames of 2448 × 2048 px in flight fit."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
 
@@ -76,6 +76,15 @@ class DeviceArray:
         """Return the i-th part along the first axis, in the same memory."""
         size = prod(self.shape[1:]) * self.dtype.itemsize
         return replace(self, shape=self.shape[1:], offset=self.offset + i % self.shape[0] * size)
+
+    def rows(self, first: int, last: int) -> DeviceArray:
+        """Return the parts ``first`` to ``last`` - 1 along the first axis, in the same memory."""
+        size = prod(self.shape[1:]) * self.dtype.itemsize
+        return replace(self, shape=(last - first, *self.shape[1:]), offset=self.offset + first * size)
+
+    def viewed(self, dtype: np.dtype[Any]) -> DeviceArray:
+        """Return the same bits as elements of another type of the same size."""
+        return replace(self, dtype=dtype)
 
     def reshaped(self, shape: tuple[int, ...]) -> DeviceArray:
         """Return the same elements in another shape, in the same memory."""

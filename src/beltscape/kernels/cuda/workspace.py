@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.constants import MOST_BYTES as CONSTANT_BYTES
 from beltscape.kernels.cuda.device import GpuDevice, Size
 from beltscape.kernels.cuda.memory import DeviceArray, MemoryBlock
 from beltscape.kernels.resident import ResidentArray
@@ -64,6 +65,11 @@ class Workspace:
             return self._use(array.on_device(self._upload_for_all))
         if id(array) in self._copies:
             return self._copies[id(array)][1]
+        if array.nbytes <= CONSTANT_BYTES:
+            return self._find_constant(np.ascontiguousarray(array))
+        return self._copy(array)
+
+    def _copy(self, array: NDArray[Any]) -> DeviceArray:
         values = np.ascontiguousarray(array)
         copy = self.allocate(values.shape, values.dtype)
         self._device.copy_in(self._stream, values, copy)
@@ -79,8 +85,9 @@ class Workspace:
     def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
         """Return an array of arbitrary values."""
         kind = np.dtype(dtype)
-        block = self._device.memory.take(prod(shape) * kind.itemsize)
-        return self._use(DeviceArray(block, tuple(int(n) for n in shape), kind))
+        sizes = tuple(int(n) for n in shape)  # sums of NumPy's integers would overflow
+        block = self._device.memory.take(prod(sizes) * kind.itemsize)
+        return self._use(DeviceArray(block, sizes, kind))
 
     def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
         """Run a kernel; see `beltscape.kernels.cuda.device.GpuDevice`."""
@@ -107,12 +114,24 @@ class Workspace:
         event = self._device.record(self._stream)
         for block in self._used.values():
             block.events[id(self._stream)] = event
+        self._device.constants.note_use(id(self._stream), event)
         self._used.clear()
         self._copies.clear()
 
+    def _find_constant(self, array: NDArray[Any]) -> DeviceArray:
+        """Return a small array that may be on the device already; it is waited for, but never noted as used."""
+        key = array.dtype.str, array.shape, array.tobytes()
+        found = self._device.constants.find(key, lambda: self._upload_for_all(array))
+        own = id(self._stream)
+        for stream, event in list(found.block.events.items()):
+            if stream != own:
+                self._device.wait(self._stream, event)
+        self._used.pop(id(found.block), None)
+        return found
+
     def _upload_for_all(self, array: NDArray[Any]) -> DeviceArray:
         """Upload what other streams may use before this call ends: they wait for the copy."""
-        copy = self.upload(array)
+        copy = self._copy(array)
         copy.block.events[id(self._stream)] = self._device.record(self._stream)
         return copy
 

@@ -1,9 +1,9 @@
 """The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it.
 
 The modules have the names of the families: `geometry`, `images`, `sweep`, `least_squares`, `selection`,
-`networks`, `holes`. `view` projects pixels into an auxiliary for them; `shift_fit` is of least squares, too. The
-reference of the holes has its lines in `hole_rims`, its features in `hole_features`, the continuation in
-`hole_continuation` and statistics of windows in `windows`.
+`networks`, `holes`; those of planes are in `opencv_planes`. `view` projects pixels into an auxiliary for them;
+`shift_fit` is of least squares. The reference of the holes has its lines in `hole_rims`, its features in
+`hole_features`, the continuation in `hole_continuation` and statistics of windows in `windows`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from beltscape.kernels import opencv_planes
 from beltscape.kernels.reference import (
     geometry,
     holes,
@@ -44,6 +45,8 @@ class ReferenceBackend:
                 return geometry.rasterise_heights(given, out[0].shape)  # pyrefly: ignore[bad-argument-type]
             case "inverse_depth_buffers":
                 return geometry.inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyrefly: ignore[bad-argument-type]
+            case _ if kernel in opencv_planes.KERNELS:
+                return opencv_planes.run(kernel, given, out)
             case _:
                 return _find_kernel(kernel)(given)
 

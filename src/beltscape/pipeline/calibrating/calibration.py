@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beltscape.calibration.assessment.board_print import describe_print
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
@@ -177,8 +178,8 @@ def calibrate(
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
+    _warn_of_lengths(board, adjustment, covariance, training, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    limited = covered.rig if covered else limited
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
     by_views, sized = _add_size(rig, board, adjustment, covariance)
     return Calibration(
@@ -251,6 +252,23 @@ def _assess_coverage(
     return coverage, None
 
 
+def _warn_of_lengths(
+    board: Board,
+    adjustment: BundleAdjustmentResult,
+    covariance: RigCovariance,
+    training: Score,
+    reporter: Reporter,
+) -> None:
+    """Warn of lengths on the board that contradict each other, and where no length was measured."""
+    for line in describe_print(board, adjustment, covariance.inflation):
+        reporter.warn(line)
+    if not training.has_squares:
+        reporter.warn(
+            "no two cameras see the same corner at one instant, so that no length was measured and the rig is scored "
+            "in px only: cameras that look at different sides of the board measure no common surface"
+        )
+
+
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
     """Warn of frames left out and of the findings against the fit; return all warnings, those of the fit first."""
     for line in discards.frames.values():
@@ -308,7 +326,11 @@ def _complete_rig(
     fit: FitQuality,
     covered: CoveredRig | None,
 ) -> Rig:
-    """Return the rig with its covariance, and with its quality and the board's shape, which `check` needs."""
+    """Return the rig with its covariance, its quality and the board's shape, which `check` needs.
+
+    ``covered`` is the rig within the volume that the board covered, where it is limited to that.
+    """
+    rig = covered.rig if covered else rig
     shaped = bool(np.any(adjustment.shape_mm))
     quality = {
         "held_out": held_out.document() if held_out else None,

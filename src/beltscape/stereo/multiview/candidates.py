@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from functools import partial, reduce
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
+from beltscape.kernels.planes import PixelKernels, dilate, find_pixel_kernels
 from beltscape.kernels.selection import Candidates
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.frame import PreparedFrame
@@ -63,6 +63,9 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
     ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
     """
     selector = CandidateSelector.from_surface(surface, planes, prepared)
+    kernels = find_pixel_kernels(planes["initial confidence"])
+    if kernels:
+        return _select_on_device(selector, kernels)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
     confidence = np.array(planes["initial confidence"], np.float32)
 
@@ -79,6 +82,25 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
     jobs = [partial(select_at, pixels) for pixels in selector.find_uncertain_pixels()]
     run_parallel(jobs, prepared.context.threads)
     return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
+
+
+def _select_on_device(selector: CandidateSelector, kernels: PixelKernels) -> Selection:
+    """Return what `select_candidates` does, of planes on a GPU."""
+    surface = selector.surface
+    selected = [surface.s, surface.slope_u, surface.slope_v, selector.planes["initial confidence"]]
+    for pixels in selector.find_uncertain_pixels():
+        candidates, features = selector.find_candidates(pixels)
+        logits = selector.compute_logits(candidates, features)
+        numbers = np.zeros_like(logits) + np.arange(len(logits), dtype=np.float32)[:, None]
+        *offered, logit, number = kernels.pick_best(logits, [*candidates[:3], logits, numbers])
+        own = [plane[pixels] for plane in selected]
+        found = [np.where(number > 0, new, old) for new, old in zip(offered, own, strict=False)]
+        found.append(np.where(np.isfinite(logit), logit, own[-1]))
+        selected = [
+            kernels.put_pixels(plane, pixels, values) for plane, values in zip(selected, found, strict=True)
+        ]
+    *planes, confidence = selected
+    return Selection(Surface(*planes), confidence, selector.consistency.gain)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,11 +139,11 @@ class CandidateSelector:
 
     def find_uncertain_pixels(self) -> list[Pixels]:
         """Return the uncertain pixels within reach of reliable ones, in parts."""
-        window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
+        side = 2 * self.reach + 1
         uncertain = self.planes["initial confidence"] < UNCERTAIN
         uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
         most = self.consistency.prepared.context.kernels.choose_pixels(_PIXELS)
-        return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), most)
+        return split_pixels(uncertain & (dilate(self.reliable, (side, side)) > 0), most)
 
     def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Floats]]:
         """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""
@@ -131,9 +153,9 @@ class CandidateSelector:
             separation=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
         listed = _list_candidates(candidates)
-        if not len(listed.pixel):
+        if not listed.candidates.s.size:
             return candidates, {}
-        features = {name: self.planes[name][pixels][listed.pixel][None] for name in PIXEL_FEATURES}
+        features = {name: listed.spread(self.planes[name][pixels]) for name in PIXEL_FEATURES}
         features |= _compute_candidate_features(candidates, listed, self.scale)
         consistency = self.consistency.evaluate(
             (pixels[0][listed.pixel], pixels[1][listed.pixel]),
@@ -148,32 +170,46 @@ class CandidateSelector:
         self, candidates: Candidates, features: Mapping[str, Floats]
     ) -> tuple[NDArray[np.int_], Floats]:
         """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none."""
-        logits = np.full(candidates.s.shape, -np.inf, np.float32)
-        if features:
-            (logit,) = load_network("candidates").evaluate(
-                features, self.consistency.prepared.context.kernels, 1
-            )
-            logits[np.isfinite(candidates.s)] = logit[0]
+        logits = self.compute_logits(candidates, features)
         selected = logits.argmax(axis=0)
         return selected, logits[selected, np.arange(len(selected))]
 
+    def compute_logits(self, candidates: Candidates, features: Mapping[str, Floats]) -> Floats:
+        """Return (9, N) the logit of each candidate's probability; -inf where there is none."""
+        logits = np.full(candidates.s.shape, -np.inf, np.float32)
+        if not features:
+            return logits
+        kernels = self.consistency.prepared.context.kernels
+        (logit,) = load_network("candidates").evaluate(features, kernels, 1)
+        if find_pixel_kernels(logit):
+            return np.where(np.isfinite(candidates.s), logit, np.float32(-np.inf))
+        logits[np.isfinite(candidates.s)] = logit[0]
+        return logits
+
 
 class _ListedCandidates(NamedTuple):
-    """The M candidates of N pixels that have a surface, row by row."""
+    """The M candidates of N pixels that have a surface, row by row; on a GPU all (9, N), with or without one."""
 
     candidates: Candidates
     """(1, M) each."""
-    pixel: NDArray[np.int_]
-    """(M,) among the N."""
-    own: NDArray[np.bool_]
-    """(M,) whether it is the pixel's own surface."""
+    pixel: NDArray[np.int_] | slice
+    """(M,) among the N; on a GPU all of them."""
+    own: NDArray[Any]
+    """(1, M) whether it is the pixel's own surface."""
+
+    def spread(self, values: Floats) -> Floats:
+        """Return (1, M) the values (N,) of the candidates' pixels."""
+        return np.broadcast_to(values[self.pixel][None], self.candidates.s.shape)
 
 
 def _list_candidates(candidates: Candidates) -> _ListedCandidates:
     """Return the candidates (9, N) that have a surface."""
+    if find_pixel_kernels(candidates.s):
+        own = np.zeros_like(candidates.s) + np.eye(len(candidates.s), 1, dtype=np.float32)
+        return _ListedCandidates(candidates, slice(None), own)
     pixels, places = candidates.s.shape[1], np.flatnonzero(np.isfinite(candidates.s))
     listed = Candidates(*(plane.ravel()[places][None] for plane in candidates))
-    return _ListedCandidates(listed, places % pixels, places < pixels)
+    return _ListedCandidates(listed, places % pixels, (places < pixels)[None])
 
 
 def _compute_candidate_features(
@@ -185,9 +221,9 @@ def _compute_candidate_features(
     yield "support", support
     yield "slope", np.hypot(slope_u, slope_v)
     yield "offset from own surface", _compress(px * (s - candidates.s[0][listed.pixel]))
-    yield "offset from farthest", _compress(px * (s - np.fmin.reduce(candidates.s)[listed.pixel]))
-    yield "offset from nearest", _compress(px * (np.fmax.reduce(candidates.s)[listed.pixel] - s))
-    yield "own surface", listed.own.astype(np.float32)[None]
+    yield "offset from farthest", _compress(px * (s - reduce(np.fmin, candidates.s)[listed.pixel]))
+    yield "offset from nearest", _compress(px * (reduce(np.fmax, candidates.s)[listed.pixel] - s))
+    yield "own surface", listed.own.astype(np.float32, copy=False)
 
 
 def _compress(px: Floats) -> Floats:

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN
+from beltscape.kernels import Kernels
+from beltscape.kernels.planes import average_areas, interpolate_plane
 from beltscape.stereo.multiview.features import ConfidenceInputs
 from beltscape.stereo.multiview.frame import PreparedFrame
 from beltscape.stereo.multiview.surface import crop_projection
@@ -80,9 +82,11 @@ def inflate_sigma(sigma: Floats, inputs: ConfidenceInputs) -> Floats:
     if not excess.any():
         return sigma
     side = compute_tile_side(prepared.context.scale)
-    pixel_excess = _interpolate_by_information(excess, log_information, inputs.information, side)
+    pixel_excess = _interpolate_by_information(
+        excess, log_information, inputs.information, side, prepared.context.kernels
+    )
     share = np.minimum(inputs.variance / np.square(sigma), 1)
-    return np.asarray(sigma * np.sqrt(1 + pixel_excess * share), np.float32)
+    return (sigma * np.sqrt(1 + pixel_excess * share)).astype(np.float32, copy=False)
 
 
 def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Floats, Floats]:
@@ -100,14 +104,14 @@ def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Floats, 
 
 
 def _interpolate_by_information(
-    values: Floats, log_information: Floats, information: Floats, side: int
+    values: Floats, log_information: Floats, information: Floats, side: int, kernels: Kernels
 ) -> NDArray[np.float32]:
     """Return (H, W) values that depend on the information (H, W) around a pixel, interpolated between tiles."""
     height, width = information.shape
     tiles = max(1, width // side), max(1, height // side)
-    around = cv2.resize(information, tiles, interpolation=cv2.INTER_AREA)
+    around = np.asarray(average_areas(information, tiles))
     tile_values = np.interp(np.log(np.maximum(around, 1e-9)), log_information, values).astype(np.float32)
-    return np.asarray(cv2.resize(tile_values, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    return interpolate_plane(kernels.keep(tile_values), (width, height))
 
 
 def estimate_inflation(s: Floats, depth_steps: NDArray[np.bool_], prepared: PreparedFrame) -> Inflation:
@@ -118,8 +122,9 @@ def estimate_inflation(s: Floats, depth_steps: NDArray[np.bool_], prepared: Prep
     height, windows = len(s), prepared.context.windows
     side = compute_tile_side(windows.scale)
     rows = min(height, _TILE_ROWS * side + 2 * windows.levels_px)
+    smooth = ~np.asarray(depth_steps)
     firsts = np.linspace(0, height - rows, _BANDS + 2)[1:-1].astype(int)
-    tiles = [_accumulate_tiles(s, ~depth_steps, prepared, slice(f, f + rows)) for f in firsts]
+    tiles = [_accumulate_tiles(s, smooth, prepared, slice(f, f + rows)) for f in firsts]
     parts = [_compute_squared_deviations(*sums, side) for sums in tiles]
     information, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
     return _estimate_groups(np.log(information), squares)
@@ -134,9 +139,9 @@ def _accumulate_tiles(
     s: Floats, smooth: NDArray[np.bool_], prepared: PreparedFrame, rows: slice
 ) -> tuple[Floats, Floats]:
     """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
-    band, noise, context = np.ascontiguousarray(s[rows]), prepared.noise, prepared.context
+    band, noise, context = s[rows], prepared.noise, prepared.context
     levels_px, side = context.windows.levels_px, compute_tile_side(context.scale)
-    core = np.ascontiguousarray(prepared.core[rows])
+    core = prepared.core[rows]
     sums: list[list[Floats]] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         equations = context.kernels.normal_equations(
@@ -144,7 +149,7 @@ def _accumulate_tiles(
             floor=noise.floor, noise_variance=noise.levels, model_variance=noise.model, threads=context.threads,
         )  # fmt: skip
         inner = slice(levels_px, len(band) - levels_px)
-        planes = (_select(plane, smooth[rows]) for plane in (equations.information, equations.pull))
+        planes = (_select(np.asarray(p), smooth[rows]) for p in (equations.information, equations.pull))
         sums.append([_sum_tiles(plane[inner], side) for plane in planes])
     information, pull = (np.stack(values) for values in zip(*sums, strict=True))
     return information, pull

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
+from beltscape.kernels.planes import PixelKernels, find_pixel_kernels
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.correlated_noise import inflate_sigma
@@ -109,8 +110,11 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
 
 def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) -> Prediction:
     """Return the prediction (H, W) with that of the refinement network at uncertain pixels."""
-    refined, context = Prediction(*(plane.copy() for plane in prediction)), inputs.context
     uncertain = mask_uncertain(prediction.logit) & np.isfinite(prediction.s)
+    kernels = find_pixel_kernels(prediction.logit)
+    if kernels:
+        return _refine_on_device(prediction, uncertain, inputs, kernels)
+    refined, context = Prediction(*(plane.copy() for plane in prediction)), inputs.context
     if not uncertain.any():
         return refined
     addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
@@ -130,6 +134,33 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     return refined
 
 
+def _refine_on_device(
+    prediction: Prediction, uncertain: NDArray[np.bool_], inputs: RefinementInputs, kernels: PixelKernels
+) -> Prediction:
+    """Return what `refine_uncertain_pixels` does, of planes on a GPU."""
+    context, px = inputs.context, np.float32(inputs.context.scale)
+    pixels = kernels.list_pixels(uncertain)
+    if not len(pixels[0]):
+        return prediction
+    accepted = mask_accepted(prediction.logit)
+    addresses = kernels.assign_addresses(pixels, accepted, FIRST_UNCERTAIN)
+    offsets = inputs.neighbourhood.spacing * np.array(OFFSETS)
+    bits = context.kernels.gather([addresses.view(np.float32)], pixels[1], pixels[0], offsets)
+    neighbours = bits.reshape(len(OFFSETS), -1).view(np.int32)
+    states = _evaluate_states(pixels, prediction.logit, inputs)
+    logit, log_sigma, shift = pass_messages(
+        states, neighbours, load_message_rounds(), context.kernels, context.threads
+    )
+    changed = (
+        prediction.s[pixels] + px * np.clip(shift, -MOST_PX, MOST_PX),
+        logit,
+        log_sigma + np.log(px),
+    )
+    return Prediction(
+        *(kernels.put_pixels(plane, pixels, new) for plane, new in zip(prediction, changed, strict=True))
+    )
+
+
 def mask_uncertain(logit: Floats) -> NDArray[np.bool_]:
     """Return the mask of pixels that are refined: neither rejected nor accepted."""
     return (logit >= _REJECTED) & (logit < _ACCEPTED)
@@ -147,8 +178,7 @@ def _compute_states(
     network, context = load_network("refinement"), inputs.context
     parts = split_pixels(uncertain, context.kernels.choose_pixels(_PIXELS))
     if len(parts) == 1:
-        features = inputs.compute_features(parts[0], logit[parts[0]])
-        return [state.reshape(-1) for state in network.evaluate(features, context.kernels, context.threads)]
+        return _evaluate_states(parts[0], logit, inputs)
     states = np.empty((len(network.outputs), np.count_nonzero(uncertain)), np.float32)
 
     def compute(part: Pixels) -> None:
@@ -159,6 +189,15 @@ def _compute_states(
 
     run_parallel([partial(compute, part) for part in parts], context.threads)
     return list(states)
+
+
+def _evaluate_states(
+    pixels: Pixels, logit: Floats, inputs: RefinementInputs
+) -> Sequence[NDArray[np.float32]]:
+    """Return the refinement network's S states (N,) of some pixels, with the logit (H, W)."""
+    features, context = inputs.compute_features(pixels, logit[pixels]), inputs.context
+    states = load_network("refinement").evaluate(features, context.kernels, context.threads)
+    return [state.reshape(-1) for state in states]
 
 
 def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.int32]:

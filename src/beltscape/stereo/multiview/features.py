@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
+from beltscape.kernels.planes import blur, dilate, erode, measure_distances, median_blur
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.frame import PreparedFrame, Windows
@@ -200,7 +201,7 @@ def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Floats]:
 
 def limit_confidence(logit: Floats) -> NDArray[np.float32]:
     """Return the initial confidence (H, W), logit, within ±`_MOST_LOGIT`."""
-    return np.asarray(np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT), np.float32)
+    return np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT).astype(np.float32, copy=False)
 
 
 def compute_initial_confidence_features(logit: Floats, windows: Windows) -> Features:
@@ -208,17 +209,15 @@ def compute_initial_confidence_features(logit: Floats, windows: Windows) -> Feat
     logit = limit_confidence(logit)
     yield "initial confidence", logit
     for window_px in (3, 7, 15):
-        mean = cv2.blur(logit, windows.boxes[window_px])
-        yield f"initial confidence within {window_px}", np.asarray(mean, np.float32)
-    lowest = cv2.erode(logit, np.ones(windows.boxes[3], np.uint8))
-    yield "lowest initial confidence within 3", np.asarray(lowest, np.float32)
+        yield f"initial confidence within {window_px}", blur(logit, windows.boxes[window_px])
+    yield "lowest initial confidence within 3", erode(logit, windows.boxes[3])
 
 
 def compute_shape_features(inputs: ConfidenceInputs) -> Features:
     """Yield the shape of the surface: steps, slopes and bends."""
     s, surface = inputs.filled.s, inputs.filled
     px = np.float32(1 / inputs.windows.scale)
-    offset = _compute_difference(s, cv2.medianBlur(s, 5))
+    offset = _compute_difference(s, median_blur(s))
     offset *= px
     yield "offset from median", _limit(offset, _MOST_OFFSET_PX)
     behind_step = -px * _compute_step_distance(inputs.depth_steps)
@@ -233,11 +232,11 @@ def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
     yield "log sigma", 0.5 * _take_log(np.clip(inputs.variance, 1e-6, 4.0))
     yield from _compute_view_features(inputs)
     yield "cost", inputs.cost
-    yield "mean cost", np.asarray(cv2.blur(inputs.cost, (7, 7)), np.float32)
+    yield "mean cost", blur(inputs.cost, (7, 7))
     yield "margin", inputs.margin
     yield "small margin", np.minimum(inputs.margin, 0.15)
-    information = cv2.blur(inputs.information, inputs.windows.boxes[5])
-    yield "log grid scale", np.full(information.shape, np.log(inputs.windows.scale), np.float32)
+    information = blur(inputs.information, inputs.windows.boxes[5])
+    yield "log grid scale", np.full_like(information, np.log(inputs.windows.scale))
     yield "log mean information", _take_log(np.maximum(information, 0) + np.float32(1e-3))
 
 
@@ -246,7 +245,7 @@ def _compute_view_features(inputs: ConfidenceInputs) -> Features:
     yield "one view", (visible == 1).astype(np.float32)
     yield "two views", (visible == 2).astype(np.float32)
     yield "share of views", number / auxiliaries
-    yield "mean views", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
+    yield "mean views", blur(np.minimum(number, 4), (9, 9))
     yield "no agreeing view", (inputs.agreeing == 0).astype(np.float32)
     disagreeing = np.maximum(visible, inputs.agreeing) - inputs.agreeing  # 0 where more agree than see it
     yield "share of disagreeing views", disagreeing.astype(np.float32) / auxiliaries
@@ -257,8 +256,8 @@ def _compute_bend_features(inputs: ConfidenceInputs) -> Features:
     s = inputs.filled.s
     for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
         box = inputs.windows.boxes[window_px]
-        offset = _limit(_compute_difference(s, cv2.blur(s, box)), 1)
-        yield name, _take_log(cv2.blur(offset, box) + np.float32(least))
+        offset = _limit(_compute_difference(s, blur(s, box)), 1)
+        yield name, _take_log(blur(offset, box) + np.float32(least))
 
 
 def compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
@@ -274,18 +273,17 @@ def compute_relief_features(inputs: ConfidenceInputs) -> Features:
     """Yield the last update, and how much nearer and farther the surface is around a pixel: what may occlude it."""
     s, px = inputs.filled.s, np.float32(1 / inputs.windows.scale)
     update = _limit(np.abs(s - inputs.propagated_s), 2)
-    yield "last update", _take_log(cv2.blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
+    yield "last update", _take_log(blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
     for window_px in (5, 11, 21):
-        square = np.ones(inputs.windows.boxes[window_px], np.uint8)
-        yield f"nearer within {window_px}", _limit(px * (cv2.dilate(s, square) - s), _MOST_STEP_PX)
-        yield f"farther within {window_px}", _limit(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
+        square = inputs.windows.boxes[window_px]
+        yield f"nearer within {window_px}", _limit(px * (dilate(s, square) - s), _MOST_STEP_PX)
+        yield f"farther within {window_px}", _limit(px * (s - erode(s, square)), _MOST_STEP_PX)
 
 
 def _compute_step_distance(depth_steps: NDArray[np.bool_]) -> Floats:
     """Return the (H, W) distance to the nearest depth step of the surface, px."""
-    distance = cv2.distanceTransform((~depth_steps).astype(np.uint8), cv2.DIST_L2, 5)
     # without any step OpenCV returns nearly the largest number
-    return np.minimum(np.asarray(distance, np.float32), 1e4)
+    return np.minimum(measure_distances(depth_steps), 1e4)
 
 
 def _compute_difference(s: Floats, other: Floats) -> Floats:

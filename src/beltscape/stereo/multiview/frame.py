@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.kernels.planes import average_blocks
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
     compute_grey_levels,
@@ -231,8 +231,4 @@ def _find_strongest_texture(core: NDArray[np.float32]) -> float:
 
 def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Return the levels, which have no NaN, averaged over whole blocks of ``step`` pixels."""
-    if step == 1:
-        return level
-    height, width = level.shape[0] // step, level.shape[1] // step
-    whole_blocks = level[: height * step, : width * step]
-    return np.asarray(cv2.resize(whole_blocks, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+    return level if step == 1 else average_blocks(level, step)

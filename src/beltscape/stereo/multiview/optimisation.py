@@ -17,11 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import cast
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels.least_squares import NormalEquations
+from beltscape.kernels.planes import blur, dilate
 from beltscape.stereo.multiview.frame import PreparedFrame, Radii
 from beltscape.stereo.multiview.parallel import run_pair
 from beltscape.stereo.multiview.surface import OCCLUDER_PX, Surface, detect_depth_steps, fill_nan
@@ -135,8 +135,8 @@ def propagate(
 
 def mask_near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """Return (H, W) 1 within reach of a depth step; elsewhere all candidates are the same surface."""
-    step = detect_depth_steps(s).astype(np.uint8)
-    return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)
+    side = 2 * reach_px + 1
+    return dilate(detect_depth_steps(s).astype(np.uint8), (side, side))
 
 
 _WINDOW_PX = 7
@@ -161,7 +161,7 @@ def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -
     shift = fit.s - surface.s
     window = context.windows.boxes[_WINDOW_PX]
     energy, noise = (
-        cv2.blur(np.minimum(plane, _MOST_PX**2, out=plane), window)
+        blur(np.minimum(plane, _MOST_PX**2, out=plane), window)
         for plane in (np.square(fill_nan(shift)), fill_nan(fit.variance))
     )
     share = 1 - noise / np.maximum(energy, np.float32(1e-12), out=energy)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.system_calls import count_usable_cores
+from beltscape.kernels.planes import find_pixel_kernels
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -33,7 +34,13 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
 
 def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
     """Return the pixels of a mask (H, W) row by row, in parts of at most ``most``."""
-    rows, columns = np.unravel_index(np.flatnonzero(mask), mask.shape)
+    kernels = find_pixel_kernels(mask)
+    rows: Any
+    columns: Any
+    if kernels:
+        rows, columns = kernels.list_pixels(mask.view(np.uint8))
+    else:
+        rows, columns = np.unravel_index(np.flatnonzero(mask), mask.shape)
     parts = (slice(first, first + most) for first in range(0, len(rows), most))
     return [(rows[part], columns[part]) for part in parts]
 

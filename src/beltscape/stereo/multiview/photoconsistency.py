@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
+from beltscape.kernels.planes import PixelKernels, find_pixel_kernels, interpolate_plane
 from beltscape.kernels.selection import PhotoConsistency
 from beltscape.stereo.multiview.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel
@@ -71,13 +72,15 @@ def estimate_gain_maps(
     """
     context, box = prepared.context, prepared.context.windows.boxes[_WINDOW]
     stride = (slice(_STRIDE // 2, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE))
-    coarse_s, core = np.ascontiguousarray(s[stride], np.float32), prepared.filled_core[stride]
-    similarity = (_COST_SCALE / (_COST_SCALE + cost[stride])) ** 2 * np.isfinite(prepared.core[stride])
+    coarse_s = np.ascontiguousarray(s[stride], np.float32)
+    core, cost, core_with_gaps = (np.asarray(x[stride]) for x in (prepared.filled_core, cost, prepared.core))
+    similarity = (_COST_SCALE / (_COST_SCALE + cost)) ** 2 * np.isfinite(core_with_gaps)
 
     def estimate_one(view: Floats, coefficients: Floats, buffer: Floats) -> NDArray[np.float32]:
         coarse_view = subsample_projection(view, _STRIDE)
         level, _ = context.kernels.warp(coarse_s, coarse_view, coefficients, threads=1)
         visible = context.kernels.visible(coarse_s, coarse_view, buffer, OCCLUDER_PX, threads=1)
+        level, visible = np.asarray(level), np.asarray(visible)
         weight = np.where(np.isfinite(level) & (visible > 0), similarity, 0)
         level = fill_nan(level)
         cross, square = (np.asarray(weight * level * x, np.float32) for x in (core, level))
@@ -86,7 +89,7 @@ def estimate_gain_maps(
         prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
         gain = (cv2.blur(cross, box) + overall * prior) / (cv2.blur(square, box) + prior)
         size = s.shape[1], s.shape[0]
-        return np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        return interpolate_plane(context.kernels.keep(np.asarray(gain, np.float32)), size)
 
     views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
     return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
@@ -94,6 +97,7 @@ def estimate_gain_maps(
 
 def compute_difference_variance(core: Floats, noise: Noise) -> NDArray[np.float32]:
     """Return the (H, W) variance, levels², of the difference between an auxiliary's and the core's level."""
+    core = np.asarray(core)
     across, down = (cv2.Sobel(core, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
     variance = cv2.accumulateSquare(down, variance)
@@ -148,6 +152,10 @@ def compute_photometric_features(
     """
     prepared = consistency.prepared
     auxiliaries = len(prepared.images)
+    kernels = find_pixel_kernels(initial_confidence)
+    if kernels:
+        yield from _compute_on_device(surface, initial_confidence, consistency, kernels)
+        return
     places = np.flatnonzero(initial_confidence < PHOTOMETRIC_LIMIT)
     if not len(places):
         places = np.zeros(1, int)
@@ -155,9 +163,32 @@ def compute_photometric_features(
     s, slope_u, slope_v = (plane.ravel()[places][None] for plane in planes)
     pixels = np.unravel_index(places, surface.s.shape)
     evaluated = consistency.evaluate(pixels, s, (slope_u, slope_v), prepared.context.threads)
-    consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in evaluated))
-    elsewhere = dict(compute_photo_consistency_features(consistent, auxiliaries))
+    elsewhere = _list_consistent_values(auxiliaries)
     for name, values in compute_photo_consistency_features(evaluated, auxiliaries):
-        plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
+        plane = np.full(surface.s.shape, elsewhere[name], np.float32)
         plane.ravel()[places] = values[0]
         yield name, plane
+
+
+def _list_consistent_values(auxiliaries: int) -> dict[str, float]:
+    """Return the features by name of pixels that are not evaluated."""
+    consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in PhotoConsistency._fields))
+    features = compute_photo_consistency_features(consistent, auxiliaries)
+    return {name: values.item() for name, values in features}
+
+
+def _compute_on_device(
+    surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel, kernels: PixelKernels
+) -> Iterator[tuple[str, Floats]]:
+    """Yield what `compute_photometric_features` does, of planes on a GPU."""
+    auxiliaries = len(consistency.prepared.images)
+    elsewhere = _list_consistent_values(auxiliaries)
+    pixels = kernels.list_pixels(initial_confidence < PHOTOMETRIC_LIMIT)
+    s, *slopes = (plane[pixels] for plane in (surface.s, surface.slope_u, surface.slope_v))
+    found: dict[str, Floats] = {}
+    if s.size:
+        evaluated = consistency.evaluate(pixels, s[None], (slopes[0][None], slopes[1][None]))
+        found = dict(compute_photo_consistency_features(evaluated, auxiliaries))
+    for name, value in elsewhere.items():
+        plane = np.full_like(initial_confidence, value)
+        yield name, kernels.put_pixels(plane, pixels, found[name].reshape(-1)) if found else plane

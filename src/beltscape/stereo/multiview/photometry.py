@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
+from beltscape.kernels.planes import blur
 from beltscape.stereo.multiview.parallel import run_parallel
 
 WINDOW_PX = 7
@@ -83,8 +84,7 @@ def estimate_noise_variance(level: NDArray[np.float32]) -> float:
 
 def compute_local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the (H, W) float32 mean within `WINDOW_PX` around each pixel."""
-    size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
-    return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
+    return blur(level, (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1), repeat_edge=True)
 
 
 def compute_local_variance(level: NDArray[np.float32], stride: int = 1) -> NDArray[np.float32]:
@@ -96,7 +96,9 @@ def compute_local_moments(
     level: NDArray[np.float32], stride: int = 1
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return mean and variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
-    mean, square = (compute_local_mean(x)[::stride, ::stride] for x in (level, level * level))
+    mean, square = (compute_local_mean(x) for x in (level, level * level))
+    if stride > 1:
+        mean, square = (x[::stride, ::stride] for x in (mean, square))
     return mean, _compute_variance(mean, square)
 
 
@@ -104,7 +106,7 @@ def compute_box_moments(
     image: NDArray[np.float32], box: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the (H, W) mean and (H, W) variance in windows of (width, height) ``box``."""
-    mean, square = (np.asarray(cv2.blur(x, box), np.float32) for x in (image, image * image))
+    mean, square = (blur(x, box) for x in (image, image * image))
     return mean, _compute_variance(mean, square)
 
 
@@ -120,6 +122,7 @@ def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -
     The variance that a plane explains is subtracted: linear shading does not identify a pixel. Bright regions are
     noisier than ``noise``, the variance of the quietest blocks; their noise is estimated from the Laplacian.
     """
+    level = np.asarray(level)
     reach = np.arange(side, dtype=np.float32) - side // 2
     even, slope = np.full(side, 1 / side, np.float32), reach / np.square(reach).sum()
     mean, square = (

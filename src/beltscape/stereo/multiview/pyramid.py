@@ -133,13 +133,14 @@ def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int, v
     """Return the squared residuals of some views over their variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
-    core = prepared.filled_core[rows]
+    core, core_with_gaps = (np.asarray(plane[rows]) for plane in (prepared.filled_core, prepared.core))
     core_level, core_variance = _normalise(core, noise.floor)
-    textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
-    band = np.ascontiguousarray(s[rows])
+    textured = np.isfinite(core_with_gaps) & (core_variance >= np.median(core_variance))
+    band = s[rows]
     residuals: list[Floats] = []
     for view, coefficients in zip(prepared.views[views], prepared.coefficients[views], strict=True):
         warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
+        warped = np.asarray(warped)
         valid = np.isfinite(warped)
         level, variance = _normalise(np.where(valid, warped, core), noise.floor)
         expected = np.float32(noise.levels) * (1 / core_variance + 1 / variance) + np.float32(noise.model)

@@ -17,6 +17,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
+from beltscape.kernels.planes import to_processor
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.candidates import Selection, select_candidates
 from beltscape.stereo.multiview.estimate import DepthEstimate, estimate_depth
@@ -151,13 +152,13 @@ def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confide
     accepted = (confidence >= least_confidence) & (s > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(accepted, 1 / (s * np.float32(unit)), np.float32(np.nan))
-        sigma_mm = np.asarray(depth * depth * np.float32(unit) * sigma, np.float32)
+        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32, copy=False)
     size_px = context.rig.core_camera.size_px
     return DepthMap(
-        _pad(depth, size_px, np.nan),
-        _pad(sigma_mm, size_px, np.nan),
-        _pad(np.where(accepted, views, np.uint8(0)), size_px, 0),
-        _pad(np.where(accepted, confidence, np.float32(0)), size_px, 0),
+        _pad(to_processor(depth), size_px, np.nan),
+        _pad(to_processor(sigma_mm), size_px, np.nan),
+        _pad(to_processor(np.where(accepted, views, np.uint8(0))), size_px, 0),
+        _pad(to_processor(np.where(accepted, confidence, np.float32(0))), size_px, 0),
     )
 
 
@@ -165,6 +166,7 @@ def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
     """Return every value repeated over its block."""
     if step == 1:
         return values
+    values = np.asarray(values)
     height, width = values.shape
     return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
 

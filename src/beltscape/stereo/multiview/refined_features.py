@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
+from beltscape.kernels.planes import average_areas, blur, dilate, interpolate_plane
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
@@ -96,14 +97,14 @@ def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: F
     at_origin = surface.s - slope_u * u - slope_v * v
     weighted = [weight, weight * at_origin, weight * slope_u, weight * slope_v]
     for window_px in (7, 15):
-        total, constant, across, down = (cv2.blur(x, windows.boxes[window_px]) for x in weighted)
+        total, constant, across, down = (blur(x, windows.boxes[window_px]) for x in weighted)
         across *= u
         down *= v
         plane_s = (constant + across + down) / np.maximum(total, _LEAST_WEIGHT)
         offset = (surface.s - plane_s) / windows.scale
         np.clip(offset, -_MOST_DISTANCE_PX, _MOST_DISTANCE_PX, out=offset)
         yield f"offset from reliable planes within {window_px}", offset
-        yield f"reliable weight within {window_px}", np.asarray(total, np.float32)
+        yield f"reliable weight within {window_px}", total
 
 
 def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Floats) -> Features:
@@ -115,15 +116,16 @@ def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Floats
     is one of the shape features, and of the logarithm of sigma.
     """
     boxes, scale = inputs.windows.boxes, inputs.windows.scale
-    step = cv2.dilate(inputs.depth_steps.astype(np.uint8), np.ones(boxes[_STEP_PX], np.uint8))
+    step = dilate(inputs.depth_steps.astype(np.uint8), boxes[_STEP_PX])
     used = ((inputs.agreeing > 0) & (step == 0)).astype(np.float32)
     disagreement = used * inputs.disagreement
     for window_px in _NEAR_PX:
         box = boxes[window_px]
-        mean = _compute_mean(cv2.blur(disagreement, box), cv2.blur(used, box))
+        mean = _compute_mean(blur(disagreement, box), blur(used, box))
         yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
     log_sigma = 0.5 * np.log(np.clip(inputs.filled_variance, 1e-8, 4.0))
     averaged = used, disagreement, used * slope_deviation, used * log_sigma
+    keep = inputs.prepared.context.kernels.keep
     tiles = [_average_tiles(plane, scale) for plane in averaged]
     for window_px, side in _WIDE_TILES.items():
         share, total, *others = (cv2.blur(plane, (side, side)) for plane in tiles)
@@ -133,7 +135,7 @@ def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Floats
         ]
         names = "window disagreement", "slope deviation", "log sigma"
         for name, plane in zip(names, means, strict=True):
-            yield f"{name} within {window_px}", cv2.resize(plane, used.shape[::-1])
+            yield f"{name} within {window_px}", interpolate_plane(keep(plane), used.shape[::-1])
 
 
 def _compute_mean(total: Floats, share: Floats) -> Floats:
@@ -145,7 +147,7 @@ def _average_tiles(plane: Floats, scale: float) -> Floats:
     side = max(1, int(_TILE_PX * scale))
     height, width = plane.shape
     size = max(1, width // side), max(1, height // side)
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
+    return np.asarray(average_areas(plane, size))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +181,7 @@ class RefinementInputs:
     def compute_features(self, pixels: Pixels, logit: Floats) -> dict[str, Floats]:
         """Return the features (1, N) by name of some pixels, whose confidence so far has the logits (N,)."""
         features = sample_planes(self.planes, pixels, self.context.kernels)
-        features |= {"confidence": np.asarray(logit, np.float32)}
+        features |= {"confidence": logit.astype(np.float32, copy=False)}
         slopes = self.surface.slope_u[pixels], self.surface.slope_v[pixels]
         features |= dict(zip(("slope u", "slope v"), slopes, strict=True))
         features |= self.neighbourhood.compute_image_features(pixels)

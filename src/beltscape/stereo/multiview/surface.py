@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from typing import cast
 
 import cv2
 import numpy as np
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.kernels.planes import dilate, erode, find_plane_kernels, repeat_blocks
 from beltscape.kernels.projection import pack_lens
 
 STEP_PX = 2.5
@@ -57,6 +60,8 @@ class Surface:
 
 def fill_nan(plane: NDArray[np.floating], value: float = 0.0) -> NDArray[np.float32]:
     """Return a copy with ``value`` in place of NaN; about ten times faster than `numpy.nan_to_num`."""
+    if find_plane_kernels(plane):
+        return np.where(np.isnan(plane), np.float32(value), plane)
     filled = np.array(plane, np.float32, order="C")
     cv2.patchNaNs(filled, value)
     return filled
@@ -64,12 +69,7 @@ def fill_nan(plane: NDArray[np.floating], value: float = 0.0) -> NDArray[np.floa
 
 def enlarge_blocks(small: NDArray[np.floating], factor: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return (H, W) every value repeated over its block; the last row and column extend to the edge of ``shape``."""
-    height, width = (size * factor for size in small.shape)
-    full = cv2.resize(np.asarray(small, np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
-    missing = shape[0] - height, shape[1] - width
-    return np.asarray(
-        cv2.copyMakeBorder(full, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE), np.float32
-    )
+    return repeat_blocks(small.astype(np.float32, copy=False), factor, shape)
 
 
 def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -77,9 +77,9 @@ def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
 
     NaN counts as 0.
     """
-    s, window = fill_nan(s), np.ones((5, 5), np.uint8)
-    span = cv2.dilate(s, window)
-    span -= cv2.erode(s, window)
+    s = fill_nan(s)
+    span = dilate(s, (5, 5))
+    span -= erode(s, (5, 5))
     return span > STEP_PX
 
 
@@ -102,11 +102,19 @@ def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
 
 def double_surface(surface: Surface, shape: tuple[int, ...]) -> Surface:
     """Return the surface on the grid (H, W) of twice the resolution, with s in pixels of that grid."""
-    return Surface(
-        enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape),
-        enlarge_blocks(surface.slope_u, 2, shape),
-        enlarge_blocks(surface.slope_v, 2, shape),
-    )
+    slope_u, slope_v = (enlarge_blocks(slope, 2, shape) for slope in (surface.slope_u, surface.slope_v))
+    if find_plane_kernels(surface.s):
+        s = enlarge_blocks(surface.s, 2, shape)
+        du, dv = (_list_offsets(shape[axis], surface.s.shape[axis]) for axis in (1, 0))
+        fine = 2 * (s + slope_u * du + slope_v * dv[:, None])
+        return Surface(cast("NDArray[np.float32]", fine), slope_u, slope_v)
+    return Surface(enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape), slope_u, slope_v)
+
+
+def _list_offsets(size: int, coarse: int) -> NDArray[np.float32]:
+    """Return (size,) each pixel's offset from the middle of its block of two, of ``coarse`` blocks in a line."""
+    offsets = np.tile(np.array([-0.25, 0.25], np.float32), coarse)
+    return np.pad(offsets, (0, size - len(offsets)), mode="edge")
 
 
 def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
@@ -129,12 +137,13 @@ def compute_visibility(
 
     ``views`` (n, 39) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
     """
-    s = kernels.keep(np.asarray(s))
+    s = kernels.keep(s)
     buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
-    count = np.zeros(s.shape, np.uint8)
-    for view, buffer in zip(views, buffers, strict=True):
-        count += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
-    return count, list(buffers)
+    masks = [
+        kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
+        for view, buffer in zip(views, buffers, strict=True)
+    ]
+    return reduce(np.add, masks), list(buffers)
 
 
 ON_AXIS = 0.1

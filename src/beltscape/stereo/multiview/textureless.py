@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.kernels.planes import find_pixel_kernels
 from beltscape.stereo.multiview.frame import PreparedFrame
 from beltscape.stereo.multiview.surface import Surface
 
@@ -59,8 +60,9 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
     scale = prepared.context.scale
     discs = _mask_bright_regions(prepared)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
-    s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
-    filled = np.zeros(s.shape, bool)
+    filled = np.zeros(surface.s.shape, bool)
+    found: list[NDArray[np.floating]] = []
+    s = surface.s
     reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
     for label in range(1, count):
         left, top, width, height = (int(v) for v in boxes[label, :4])
@@ -73,10 +75,28 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
             continue
         fit = _fit_quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
-            value, du, dv = fit
-            s[rows, columns][inside], filled[rows, columns][inside] = value[inside], True
-            slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
-    return FilledDiscs(Surface(s, slope_u, slope_v), filled)
+            filled[rows, columns][inside] = True
+            places = np.nonzero(inside)
+            found.append(
+                np.stack([places[0] + rows.start, places[1] + columns.start, *(each[inside] for each in fit)])
+            )
+    if not found:
+        return FilledDiscs(surface, filled)
+    at_v, at_u, *values = np.concatenate(found, axis=1)
+    planes = surface.s, surface.slope_u, surface.slope_v
+    changed = (_put(plane, at_v, at_u, new) for plane, new in zip(planes, values, strict=True))
+    return FilledDiscs(Surface(*changed), filled)
+
+
+def _put(plane: Floats, rows: Floats, columns: Floats, values: Floats) -> Floats:
+    """Return the plane (H, W) with other values (N,) at some pixels."""
+    kernels, values = find_pixel_kernels(plane), values.astype(np.float32)
+    if kernels:
+        places = kernels.keep(rows.astype(np.float32)), kernels.keep(columns.astype(np.float32))
+        return kernels.put_pixels(plane, places, values)
+    changed = plane.copy()
+    changed[rows.astype(int), columns.astype(int)] = values
+    return changed
 
 
 def _has_texture(information: Floats, inside: NDArray[np.bool_]) -> bool:
@@ -94,7 +114,7 @@ def _compute_quantile(values: Floats, share: float) -> float:
 
 def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
     """Return (H, W) 1 in regions that are lit over whole windows, including their rims."""
-    core, box = prepared.filled_core, prepared.context.windows.boxes[_WINDOW_PX]
+    core, box = np.asarray(prepared.filled_core), prepared.context.windows.boxes[_WINDOW_PX]
     lit = _BRIGHT[0] * float(np.percentile(core[::4, ::4], _BRIGHT[1]))
     even = (cv2.erode(core, np.ones(box, np.uint8)) > lit).astype(np.uint8)
     grown = box[0] + 2 * int(np.ceil(_RIM_PX * prepared.context.scale))

@@ -1,0 +1,133 @@
+"""The kernels of planes and lists of pixels on the processor, by OpenCV and NumPy: the same for every back end.
+
+The records are those of `planes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.expressions import evaluate_program
+
+Floats = NDArray[np.float32]
+Size = tuple[int, int]
+"""Width and height."""
+_MEDIAN_PX = 5
+"""Side of the median's windows."""
+
+
+def average_windows(given: Any) -> tuple[Floats]:
+    """Return the means (H, W)."""
+    border = cv2.BORDER_REPLICATE if given.choice else cv2.BORDER_REFLECT_101
+    return (np.asarray(cv2.blur(given.plane, given.size, borderType=border), np.float32),)
+
+
+def find_extremes(given: Any) -> tuple[Floats]:
+    """Return the extremes (H, W)."""
+    return (extremes(given.plane, given.size, largest=given.choice),)
+
+
+def extremes(plane: NDArray[Any], size: Size, *, largest: bool) -> NDArray[Any]:
+    """Return the largest or smallest values (H, W) in windows of (width, height), of the plane's own type."""
+    window = np.ones(size[::-1], np.uint8)
+    return np.asarray((cv2.dilate if largest else cv2.erode)(plane, window), plane.dtype)
+
+
+def median_of_windows(given: Any) -> tuple[Floats]:
+    """Return the medians (H, W)."""
+    return (np.asarray(cv2.medianBlur(given.plane, _MEDIAN_PX), np.float32),)
+
+
+def measure_distances(given: Any) -> tuple[Floats]:
+    """Return the distances (H, W); without any pixel in the mask OpenCV's are nearly the largest number."""
+    outside = (given.mask == 0).astype(np.uint8)
+    return (np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 5), np.float32),)
+
+
+def average_areas(given: Any, size: Size) -> tuple[Floats]:
+    """Return the means over areas, (height, width)."""
+    return (np.asarray(cv2.resize(given.plane, size, interpolation=cv2.INTER_AREA), np.float32),)
+
+
+def interpolate_plane(given: Any, size: Size) -> tuple[Floats]:
+    """Return the interpolated plane (height, width)."""
+    return (np.asarray(cv2.resize(given.plane, size, interpolation=cv2.INTER_LINEAR), np.float32),)
+
+
+def average_blocks(given: Any) -> tuple[Floats]:
+    """Return the means of whole blocks."""
+    height, width = (size // given.step for size in given.plane.shape)
+    whole = given.plane[: height * given.step, : width * given.step]
+    return (np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32),)
+
+
+def repeat_blocks(given: Any, shape: tuple[int, ...]) -> tuple[Floats]:
+    """Return the repeated values, of a shape."""
+    height, width = (size * given.step for size in given.plane.shape)
+    full = cv2.resize(np.asarray(given.plane, np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
+    missing = max(0, shape[0] - height), max(0, shape[1] - width)
+    full = cv2.copyMakeBorder(full, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
+    return (np.asarray(full, np.float32),)
+
+
+def subsample_plane(given: Any) -> tuple[Floats]:
+    """Return the values of some rows and columns."""
+    every = slice(given.first, None, given.step)
+    return (np.ascontiguousarray(given.plane[every, every]),)
+
+
+def list_pixels(given: Any) -> tuple[Floats, Floats, NDArray[np.int32]]:
+    """Return rows and columns, of which the first count, and their number (1,)."""
+    rows, columns = (index.astype(np.float32) for index in np.nonzero(given.mask))
+    return rows, columns, np.array([len(rows)], np.int32)
+
+
+def put_pixels(given: Any) -> tuple[Floats]:
+    """Return the plane (H, W) with the values."""
+    plane = given.plane.copy()
+    plane[given.rows.astype(int), given.columns.astype(int)] = given.values
+    return (plane,)
+
+
+def assign_addresses(given: Any) -> tuple[NDArray[np.int32]]:
+    """Return the addresses (H, W)."""
+    addresses = (given.accepted != 0).astype(np.int32)
+    places = given.rows.astype(int), given.columns.astype(int)
+    addresses[places] = np.arange(given.first, given.first + len(given.rows), dtype=np.int32)
+    return (addresses,)
+
+
+def pick_best(given: Any) -> tuple[Floats]:
+    """Return the values (K, N)."""
+    best = given.scores.argmax(axis=0)
+    pixels = np.arange(given.scores.shape[1])
+    return (np.stack([plane[best, pixels] for plane in given.planes]),)
+
+
+_OF_SIZE = {"average_areas": average_areas, "interpolate_plane": interpolate_plane}
+_OF_RECORD = {
+    function.__name__: function
+    for function in (
+        average_windows, find_extremes, median_of_windows, measure_distances, average_blocks, subsample_plane,
+        list_pixels, put_pixels, assign_addresses, pick_best,
+    )
+}  # fmt: skip
+KERNELS = {*_OF_SIZE, *_OF_RECORD, "repeat_blocks", "evaluate_expression"}
+"""Names of the kernels that are here."""
+
+
+def run(kernel: str, given: Any, out: Sequence[NDArray[Any]]) -> Sequence[NDArray[Any]]:
+    """Return the results of a kernel by its name; of ``out`` only shape and type count."""
+    shape = out[0].shape
+    if kernel == "evaluate_expression":
+        return (evaluate_program(given, shape, out[0].dtype),)
+    if kernel == "repeat_blocks":
+        return repeat_blocks(given, shape)
+    if kernel in _OF_SIZE:
+        return _OF_SIZE[kernel](given, (shape[1], shape[0]))
+    return _OF_RECORD[kernel](given)

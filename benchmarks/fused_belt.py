@@ -193,7 +193,7 @@ def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     volume = read_json(true / "belt_moving.json")["heap_volume_mm3"]
     ceiling = None if scene is None else MovingCeiling(scene)
     head = [name, str(heap.auxiliaries + 1)]
-    off = patch("beltscape.measure.flow.rows.continue_into_holes", lambda filled, *_: filled)
+    off = patch("beltscape.measure.flow.blocks.continue_into_holes", lambda filled, *_: filled)
     with off:
         single = score_single_frames(reference, frames, settings, truth)
     rows = [format_cells([*head, "single", *_format(single), "", ""])]

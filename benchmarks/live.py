@@ -44,8 +44,8 @@ class Cost:
     records: int
     own_cpu_s: float
     """CPU time of the process that orders and measures, without its workers'."""
-    latency: Mapping[str, float | None]
-    """From the arrival of a frame set to its published record; see `beltscape.service.view_models.Latency`."""
+    latency: Mapping[str, Mapping[str, float | None]]
+    """By key of the program's result: see `beltscape.service.view_models.LatencyMeter`."""
 
 
 def live(rendered: Path, rig: Rig) -> list[str]:
@@ -123,7 +123,8 @@ def replay(
     seconds, after = perf_counter() - began, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
     result = json.loads(output)
-    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, result["records"], own_s, result["latency"])
+    latency = {name: result[name] for name in ("latency_of_frames", "latency_after_view", "latency")}
+    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, result["records"], own_s, latency)
 
 
 def _read_cpu_s(process: int) -> float:

@@ -6,8 +6,8 @@
 row is the difference of a run of R rounds and one of a single round, so that the start does not count. *Serial* is
 the CPU time of the process that checks, orders and measures: no worker shares it. From it and from the CPU time of a
 worker the model takes the rate of more cores, of which one orders: the lesser of (cores − 1) / worker and 1 / serial.
-The latency, from the arrival of a frame set to its published record, is that of a run in which frame sets come at
-`_HELD` of the rate that the most workers held.
+The latency is that of a run in which frame sets come at `_HELD` of the rate that the most workers held: that of the
+frame sets, and that of the records from their own frame set on and from the last one on that saw their belt.
 """
 
 from __future__ import annotations
@@ -27,8 +27,14 @@ from tables import format_cells, format_head
 
 HEAD = ("width px", "preset", "workers", "sets/s", "CPU s a set", "serial s", "× one worker")
 LATENCY_HEAD = (
-    "width px", "preset", "workers", "sets/s", "belt m/s", "records", "median s", "90 % s", "99 % s", "worst s",
+    "width px", "preset", "workers", "sets/s", "belt m/s", "latency", "median s", "90 % s", "99 % s", "worst s",
 )  # fmt: skip
+PARTS = {
+    "latency_of_frames": "frame set, to the end of its measurement",
+    "latency_after_view": "record, from the last frame set that saw its belt on",
+    "latency": "record, from its own frame set on",
+}
+"""Keys of the program's result, and what they are."""
 _HELD = 0.8
 """Share of the rate that is held at which frame sets come: a plant leaves room for other programs."""
 CORES = (4, 8, 16, 32)
@@ -64,20 +70,22 @@ def measure_rate(capture: Path, empty: Path, preset: str, workers: int, rounds: 
 
 def measure_latency(
     capture: Path, empty: Path, preset: str, workers: int, rounds: int, rate: float
-) -> list[str]:
-    """Return the cells of the latency's distribution at a rate of frame sets, in sets per second."""
+) -> list[list[str]]:
+    """Return the rows of the latencies' distributions at a rate of frame sets, in sets per second."""
     found = replay(capture, empty, preset, rounds, workers, rate).latency
     belt = [float(line.split(",")[2]) for line in (capture / "encoder.csv").read_text().splitlines()[1:]]
     speed = rate * (belt[-1] - belt[0]) / (len(belt) - 1) * 1e-3
-    times = [f"{found[name]:.2f}" for name in ("median_s", "most_90_s", "most_99_s", "worst_s")]
-    return [str(workers), f"{rate:.2f}", f"{speed:.2f}", f"{found['records']}", *times]
+    run = [str(workers), f"{rate:.2f}", f"{speed:.2f}"]
+    times = ("median_s", "most_90_s", "most_99_s", "worst_s")
+    return [[*run, text, *(f"{found[key][name]:.2f}" for name in times)] for key, text in PARTS.items()]
 
 
 NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on
 disk; the start does not count. *Serial*: CPU time a set of the process that checks, orders and measures, which no
 worker shares. The model: of all cores one orders and measures, the others match, as fast as one worker does.
-*Latency*: from the arrival of a frame set to its record being stored and passed on, with frame sets at 0.8 of the
-rate that the most workers held; it includes the time until the belt has left the view and its holes are filled."""
+*Latency*: with frame sets at 0.8 of the rate that the most workers held, from the arrival of a frame set to the end
+of its measurement, and to a record being stored and passed on: from the last frame set on that saw the record's belt,
+and from its own, which lies by the length of the view before: the belt has to leave the view first."""
 
 
 def realtime(rendered: Path, rig: Rig) -> list[str]:
@@ -111,8 +119,8 @@ def tabulate(
                 predicted = (f"{rates[0].predict(cores):.1f}" for cores in CORES)
                 model.append(format_cells([str(width), preset, *predicted]))
                 held = _HELD * rates[-1].sets_per_s
-                cells = measure_latency(capture, empty, preset, workers[-1], rounds, held)
-                latency.append(format_cells([str(width), preset, *cells]))
+                for cells in measure_latency(capture, empty, preset, workers[-1], rounds, held):
+                    latency.append(format_cells([str(width), preset, *cells]))
     yield from ["", *model, "", *latency]
 
 

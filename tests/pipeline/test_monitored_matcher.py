@@ -14,7 +14,7 @@ from beltscape.core.progress import Reporter, Silent
 from beltscape.files.rig_json import read_rig
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from tests.synthetic.demo import TRUE_RIG
 
 

@@ -15,7 +15,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.ledger import Totals
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.view_models import convert_to_8_bit, encode_thumbnail
+from beltscape.service.view_models import LatencyMeter, convert_to_8_bit, encode_thumbnail
 from tests.service.feeder import CAMERAS, SimulatedPlant, SummingLedger
 
 
@@ -222,3 +222,17 @@ def test_values_of_rare_frames_last_longer():
     assert live_state.take_snapshot().stale_s == 15.0
     clock.now_s += 10.0
     assert live_state.take_snapshot().flow.volume_m3_h > 0
+
+
+def test_latency_counts_from_a_records_frame_and_from_the_last_one_that_saw_its_belt():
+    meter, view_mm = LatencyMeter(), 500.0
+    for number in range(6):  # one frame set a second, each measured 0.5 s after it came
+        meter.add_frame(str(number), 0.5, number + 0.5, 200.0 * number, view_mm)
+    meter.add_record("0", 5.6)  # at 0 mm: that at 400 mm is the last to see its belt
+    meter.add_record("another", 5.6)
+    meter.add_frame("6", 0.25, 6.25, nan, view_mm)
+    meter.add_record("6", 7.0)  # no position is known
+    records, after_view, frames = (one.summarise() for one in (meter.records, meter.after_view, meter.frames))
+    assert (records.records, records.worst_s, records.median_s) == (2, 5.6, 5.6)
+    assert (after_view.records, after_view.median_s) == (1, 5.6 - 2)
+    assert (frames.records, frames.median_s, frames.worst_s) == (7, 0.5, 0.5)

@@ -102,6 +102,8 @@ class FrameEvent:
     """Cross-section of the fully loaded belt; NaN: not known."""
     capacity: Capacity = NO_CAPACITY
     """What the computer can measure with the present settings."""
+    view_mm: float = math.nan
+    """Length of belt that a frame set sees; NaN: not known."""
 
 
 @dataclass(frozen=True, slots=True)

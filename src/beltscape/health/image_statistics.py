@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +16,8 @@ GRID = 32, 40
 """Rows and columns of blocks: about 16 px in an image of 612×512, and the same picture of dirt at any image size."""
 _ROWS = 5 * GRID[0]
 """This number of rows is examined, evenly spaced; texture is examined along them."""
+_COMPARED_STEP = 4
+"""Every fourth row of the examined rows is compared with the image before."""
 _FULL = 255.0
 """Full range of the levels: images of more bits are scaled to 8."""
 _NARROW_PX, _WIDE_PX = (3, 1), (7, 1)
@@ -73,6 +76,25 @@ class ImageStatistics:
     def contrasts(self) -> Float32Array:
         """Root of the texture's variance over the level, `GRID`."""
         return _compute_contrasts(self.fine + self.coarse, self.level)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageSample:
+    """What the checks take from one image; another process may have computed it."""
+
+    statistics: ImageStatistics
+    rows: Float32Array
+    """(40, W) levels of every fourth of the examined rows, by which an image is compared with the one before."""
+
+
+def sample_images(images: Mapping[str, Image]) -> dict[str, ImageSample]:
+    """Return what the checks take from each camera's image."""
+    samples: dict[str, ImageSample] = {}
+    for name, image in images.items():
+        levels = compute_levels(image)
+        rows = np.ascontiguousarray(levels[::_COMPARED_STEP])
+        samples[name] = ImageSample(compute_statistics(image, levels), rows)
+    return samples
 
 
 def _choose_rows(image: Image) -> NDArray[np.intp]:

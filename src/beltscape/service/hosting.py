@@ -277,10 +277,12 @@ def format_summary(result: Mapping[str, Any]) -> str:
     ]
     if result["mass_kg"] == result["mass_kg"]:
         lines.append(f"mass   {result['mass_kg']:.2f} kg")
-    latency = result["latency"]
-    if latency["records"]:
-        parts = (latency[f"{name}_s"] for name in ("median", "most_90", "most_99", "worst"))
-        lines.append("delay  {:.2f} s median, {:.2f} s 90 %, {:.2f} s 99 %, {:.2f} s worst".format(*parts))
+    for key, start in (("latency", "delay "), ("latency_after_view", "  after the last view")):
+        latency = result[key]
+        if latency["records"]:
+            parts = (latency[f"{name}_s"] for name in ("median", "most_90", "most_99", "worst"))
+            words = "{:.2f} s median, {:.2f} s 90 %, {:.2f} s 99 %, {:.2f} s worst".format(*parts)
+            lines.append(f"{start} {words}")
     if result["unwritten_records"]:
         lines.append(
             f"{result['unwritten_records']} records could not be written to disk; see the log for the reason"

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from threading import Lock
 
 from beltscape.core.alarms import Alarm
@@ -123,7 +123,14 @@ class LiveState:
                 event.capacity,
             )
             self.durations.add(event.seconds)
-            self.latency.add_frame(event.frames.frame, now_s - event.seconds)
+            position_mm = event.frames.position_mm
+            self.latency.add_frame(
+                event.frames.frame,
+                event.seconds,
+                now_s,
+                nan if position_mm is None else position_mm,
+                event.view_mm,
+            )
             for name, image in islice(event.frames.images.items(), _CAMERAS):
                 self._images[name] = _CameraImage(event.frames.frame, wall_ns, image)
             self._append_point(wall_ns, now_s)
@@ -156,10 +163,18 @@ class LiveState:
         self._measured = max(self._measured, *(record.number for record in records), 0)
         self._append_point(self._wall_ns(), self._monotonic_s())
 
-    def summarise_latency(self) -> Latency:
-        """Return how long records took from their frame sets to their publication."""
+    def summarise_latency(self) -> dict[str, Latency]:
+        """Return how long records took to their publication, and frame sets to the end of their measurement.
+
+        ``latency`` is that of records from their frame sets on, ``latency_after_view`` from the last frame set that
+        saw their belt on, ``latency_of_frames`` that of frame sets.
+        """
         with self._lock:
-            return self.latency.summarise()
+            return {
+                "latency": self.latency.records.summarise(),
+                "latency_after_view": self.latency.after_view.summarise(),
+                "latency_of_frames": self.latency.frames.summarise(),
+            }
 
     def on_surface(self, stretch: BeltStretch) -> None:
         """Add a finished piece of the belt's surface."""

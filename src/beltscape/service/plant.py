@@ -79,7 +79,8 @@ def run_plant(
             notify("STOPPING=1")
             unwritten = assembled.engine.stop()
     summary = _make_summary(project, options.data, totals_before, assembled.historian.totals, unwritten)
-    summary["latency"] = asdict(plant.live_state.summarise_latency())
+    latency = plant.live_state.summarise_latency()
+    summary.update((name, asdict(distribution)) for name, distribution in latency.items())
     assembled.close()
     return summary
 

@@ -290,43 +290,29 @@ _OPEN_FRAMES = 4096
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """From the arrival of a frame set to its published record, over the last records; NaN before the first."""
+    """Distribution of a delay over the last records or frame sets; NaN before the first."""
 
     records: int
-    """Records of which it is known, since the start."""
+    """Records or frame sets of which it is known, since the start."""
     median_s: float
     most_90_s: float
-    """Nine of ten records took no longer."""
+    """Nine of ten took no longer."""
     most_99_s: float
     """99 of 100."""
     worst_s: float
 
 
-class LatencyMeter:
-    """Measures how long after its frame set a record is published: stored, and passed to page and protocols.
-
-    It includes the time until the belt has left the view and the holes behind it can be filled.
-    """
+class _Delays:
+    """The delays of the last records."""
 
     def __init__(self) -> None:
-        self.histogram = DurationHistogram()
-        self._arrivals_s: OrderedDict[str, float] = OrderedDict()
         self._recent_s: deque[float] = deque(maxlen=_RECENT_DELAYS)
         self._count = 0
 
-    def add_frame(self, frame: str, arrived_s: float) -> None:
-        """Note when a frame set arrived."""
-        self._arrivals_s[frame] = arrived_s
-        while len(self._arrivals_s) > _OPEN_FRAMES:
-            self._arrivals_s.popitem(last=False)
-
-    def add_record(self, frame: str, published_s: float) -> None:
-        """Note when the record of a frame was published; one whose frame set is not known has no latency."""
-        arrived_s = self._arrivals_s.pop(frame, None)
-        if arrived_s is not None:
-            self._count += 1
-            self._recent_s.append(published_s - arrived_s)
-            self.histogram.add(published_s - arrived_s)
+    def add(self, seconds: float) -> None:
+        """Add a delay."""
+        self._count += 1
+        self._recent_s.append(seconds)
 
     def summarise(self) -> Latency:
         """Return the distribution over the last records."""
@@ -337,6 +323,57 @@ class LatencyMeter:
             recent[min(int(share * len(recent)), len(recent) - 1)] for share in (0.5, 0.9, 0.99)
         )
         return Latency(self._count, median, most_90, most_99, recent[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrival:
+    """A frame set."""
+
+    at_s: float
+    """When it arrived."""
+    position_mm: float
+    """The encoder's reading; NaN: not known."""
+
+
+class LatencyMeter:
+    """Measures how long after its frame set a record is published: stored, and passed to page and protocols.
+
+    The belt of a record has to leave the view first, and the holes behind it are filled then. So the delay is also
+    measured from the last frame set that saw the record's belt on: that is what the computer takes.
+    """
+
+    def __init__(self) -> None:
+        self.histogram = DurationHistogram()
+        """Of the delay of records from their own frame set on."""
+        self.records, self.after_view, self.frames = _Delays(), _Delays(), _Delays()
+        """Of records from their own frame set on, and from the last one that saw their belt on; of frame sets."""
+        self._arrivals: OrderedDict[str, _Arrival] = OrderedDict()
+        self._last: deque[_Arrival] = deque(maxlen=_OPEN_FRAMES)
+        self._view_mm = nan
+
+    def add_frame(self, frame: str, seconds: float, now_s: float, position_mm: float, view_mm: float) -> None:
+        """Note a frame set that was measured ``seconds`` after its arrival, at a position of the belt.
+
+        ``view_mm`` is the length of belt that it sees; NaN: not known, as the position may be.
+        """
+        arrival, self._view_mm = _Arrival(now_s - seconds, position_mm), view_mm
+        self.frames.add(seconds)
+        self._arrivals[frame] = arrival
+        self._last.append(arrival)
+        while len(self._arrivals) > _OPEN_FRAMES:
+            self._arrivals.popitem(last=False)
+
+    def add_record(self, frame: str, published_s: float) -> None:
+        """Note when the record of a frame was published; one whose frame set is not known has no latency."""
+        arrival = self._arrivals.pop(frame, None)
+        if arrival is None:
+            return
+        self.records.add(published_s - arrival.at_s)
+        self.histogram.add(published_s - arrival.at_s)
+        left_mm = arrival.position_mm + self._view_mm
+        last = next((one for one in reversed(self._last) if one.position_mm < left_mm), None)
+        if last is not None:
+            self.after_view.add(published_s - last.at_s)
 
 
 PICTURE_MEDIA_TYPE = "image/webp"

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from beltscape.core.findings import Finding
+from beltscape.health.images import synchronisation_monitor
 from beltscape.health.images.synchronisation import CameraDelay, compute_depth_error, separate_delay
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
+from beltscape.workers.calls import CallMaker, CallsOfPool, make_call
+from beltscape.workers.processes import open_process_pool
 from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map
 from tests.thorough import list_cases, list_rows
@@ -19,10 +22,15 @@ HEAP = Heap(start_mm=-2000.0, end_mm=2000.0, half_width_mm=260.0)
 
 
 def run(
-    frames: int = 4, *, speed_mm_s: float = 1000.0, step: int = 1, **options
+    frames: int = 4,
+    *,
+    speed_mm_s: float = 1000.0,
+    step: int = 1,
+    calls: CallMaker | None = None,
+    **options,
 ) -> list[tuple[Finding, ...]]:
     """The findings of a monitor over frames of a loaded belt."""
-    monitor = SynchronisationMonitor(RIG, HealthSettings())
+    monitor = SynchronisationMonitor(RIG, HealthSettings(), calls=calls)
     out: list[tuple[Finding, ...]] = []
     for number in range(0, step * frames, step):
         drawn = make_frame(number, HEAP, speed_mm_s=speed_mm_s, **options)
@@ -43,6 +51,17 @@ def test_auxiliaries_are_not_accused_while_the_core_has_moved(late_mm: float) ->
             for number in range(3)
         ]  # fmt: skip
         assert set(find_faults(found[-1])) == accused
+
+
+def test_workers_compare_the_frames_with_the_same_findings(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = run(3, late_mm={"cam2": -5.0})
+    monkeypatch.setattr(
+        synchronisation_monitor, "measure_displacement", lambda *_: pytest.fail("compared here")
+    )
+    with open_process_pool(make_call, None, 1) as pool:
+        there = run(3, late_mm={"cam2": -5.0}, calls=CallsOfPool(pool))
+    assert find_faults(there[-1])
+    assert [repr(one) for one in there] == [repr(one) for one in here]
 
 
 def find_faults(findings: tuple[Finding, ...]) -> dict[str, Finding]:

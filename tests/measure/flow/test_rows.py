@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from beltscape.core.height_map import HeightMap, coarsen
 from beltscape.measure.belt.reference import Layer
 from beltscape.measure.flow import rows
+from beltscape.measure.flow.blocks import BeltPiece
 from beltscape.measure.flow.fuse import fuse
-from beltscape.measure.flow.rows import BeltPicture, BeltPiece, RowFiller
+from beltscape.measure.flow.rows import BeltPicture, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from tests.measure.flow.moving_belt import make_empty_belt
 
@@ -24,8 +25,8 @@ def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
     sigma = np.where(np.isfinite(height_mm), np.float32(0.1), np.float32(np.nan))
     share = np.isfinite(height_mm).mean(axis=1)
     layer = Layer(0, height_mm, sigma, sigma, share, np.zeros(len(share)))
-    filler.add(fuse([layer] * frames, 0, len(height_mm)))
-    filler.close()
+    for pending in [*filler.add(fuse([layer] * frames, 0, len(height_mm))), *filler.close()]:
+        pending.finish()
     return np.concatenate([piece.height_mm for piece in pieces])
 
 
@@ -68,7 +69,7 @@ def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> N
         sigma = np.where(seen, np.float32(0.1), np.float32(np.nan))
         layer = Layer(first, part, sigma, sigma, seen.mean(axis=1), np.zeros(len(part)))
         rows += filler.add(fuse([layer], first, first + len(part)))
-    rows += filler.close()
+    rows = [pending.finish() for pending in (*rows, *filler.close())]
     full = make_empty_belt().cell_mm * height[0].sum()
     counted = np.concatenate([row.first + np.arange(len(row)) for row in rows])
     np.testing.assert_array_equal(

@@ -12,8 +12,8 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.ledger import FlowRecord
 from beltscape.health.belt.monitor import BeltMonitor
+from beltscape.measure.flow.blocks import BeltPiece
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
-from beltscape.measure.flow.rows import BeltPiece
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 from tests.thorough import list_cases
 

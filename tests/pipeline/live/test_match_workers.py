@@ -7,10 +7,13 @@ import shutil
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from beltscape.files.images import read_image, write_image
 from beltscape.health.belt import monitor as belt_monitor
-from beltscape.measure.flow import meter
+from beltscape.health.images import monitor as image_monitor
+from beltscape.measure.flow import blocks, meter
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.reconstructing.match_ahead import count_workers
 from beltscape.service.project import open_project
@@ -79,16 +82,41 @@ def test_two_workers_give_the_ledger_and_findings_of_none_even_if_one_is_killed(
     assert all("ended by signal 9; another one takes it" in text for text in events)
 
 
+def test_images_that_fail_their_checks_are_left_out_with_workers_as_without(plant: Path) -> None:
+    """Workers begin to match before the images are checked: a fault that begins or ends, or is one frame's alone."""
+    camera = sorted(path for path in (plant / "moving").glob("cam*"))[1]
+    images = sorted(camera.glob("*.png"))
+    for path in images[2:5]:
+        write_image(path, np.zeros_like(read_image(path)))
+    shutil.copy(images[6], images[7])
+    records, alone, _ = replay(plant, 0)
+    others, watched, _ = replay(plant, 2)
+    assert others == records
+    assert sorted(map(repr, watched.findings)) == sorted(map(repr, alone.findings))
+    assert watched.messages == alone.messages
+    faults = [one.check for one in watched.findings if one.is_fault and one.subject == camera.name]
+    assert {"lens_covered", "frozen_image"} <= set(faults)
+
+
+OF_A_FRAME = ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt"), (image_monitor, "sample_images"))
+
+
 def test_workers_measure_what_needs_nothing_of_the_sequence(
     plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here: list[str] = []
-    for module, name in ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt")):
+    for module, name in (*OF_A_FRAME, (blocks, "fill_holes")):
         measure = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *given, m=measure, n=name: here.append(n) or m(*given))
+
+        def call(*given, m=measure, n=name, **named):
+            here.append(n)
+            return m(*given, **named)
+
+        monkeypatch.setattr(module, name, call)
     _, watched, _ = replay(plant, 0)
     frames = len(watched.frames)
-    assert [here.count(name) for name in ("prepare_depth", "measure_bare_belt")] == [frames, frames]
+    assert [here.count(name) for _, name in OF_A_FRAME] == [frames] * len(OF_A_FRAME)
+    assert here.count("fill_holes")
     here.clear()
     replay(plant, 2)
     assert here == []

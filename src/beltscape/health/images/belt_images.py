@@ -22,6 +22,7 @@ from beltscape.health.images.surface_samples import SurfaceGrid, SurfaceSamples
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.workers.calls import CallMaker
 from beltscape.workers.transport import SharedObject
 
 
@@ -78,14 +79,18 @@ class BeltImageMonitor:
         settings: HealthSettings,
         pattern: LearnedPattern | None = None,
         keep_pattern: Callable[[LearnedPattern], None] | None = None,
+        calls: CallMaker | None = None,
     ) -> None:
-        """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
+        """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one.
+
+        ``calls`` compares frames beside the thread that measures; None: this thread does.
+        """
         self._rig, self._settings = rig, settings
         self._reference = SharedObject(reference)
         self._pattern: SharedObject[LearnedPattern | None] = SharedObject(pattern)
         self._grid = SurfaceGrid(rig)
         self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, self._grid)
-        self._synchronisation = SynchronisationMonitor(rig, settings, self._grid)
+        self._synchronisation = SynchronisationMonitor(rig, settings, self._grid, calls)
 
     def learn_anew(self) -> None:
         """Forget the projector's pattern, before the next frame is checked; any thread may call it."""
@@ -133,19 +138,22 @@ class BeltImageMonitor:
             return ()
         return self._projector.check(frames, depth, findings, sampled)
 
-    def check_synchronisation(
+    def begin_synchronisation(
         self,
         frames: FrameSet,
         depth: DepthMap | None,
         position_mm: float | None,
         along: NDArray[np.float64] | None,
         findings: Sequence[Finding],
-    ) -> tuple[Finding, ...]:
-        """Return the findings about the cameras' instants, once the frame's position on the belt is known.
+    ) -> None:
+        """Begin to check the cameras' instants, once the frame's position on the belt is known.
 
         ``along`` (3,) is the direction of travel in the core's frame; None: not known. ``findings`` are those about
         the frame's images and cameras.
         """
-        if not self._settings.images:
-            return ()
-        return self._synchronisation.check(frames, depth, position_mm, along, findings)
+        if self._settings.images:
+            self._synchronisation.begin(frames, depth, position_mm, along, findings)
+
+    def complete_synchronisation(self) -> tuple[Finding, ...]:
+        """Return the findings about the cameras' instants in the frame that was begun last."""
+        return self._synchronisation.complete() if self._settings.images else ()

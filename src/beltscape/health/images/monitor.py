@@ -14,7 +14,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.health.image_statistics import ImageStatistics, compute_levels, compute_statistics
+from beltscape.health.image_statistics import ImageSample, ImageStatistics, sample_images
 from beltscape.health.images.exposure import (
     check_brightness,
     check_flicker,
@@ -71,6 +71,18 @@ class ImageCheck:
     """Whether the frame shows other material than the one before."""
 
 
+@dataclass(frozen=True, slots=True)
+class ExpectedCheck:
+    """What the checks of a frame will probably find; the fields of `ImageCheck` that others prepare for."""
+
+    left_out: frozenset[str] = frozenset()
+    """Cameras whose image is not matched."""
+    matches: bool = True
+    """Whether anything is matched."""
+    window_cameras: tuple[str, ...] | None = None
+    """Cameras whose light shows dirt on their windows; None: it says nothing, or the belt stands."""
+
+
 class ImageMonitor:
     """Checks the images of successive frame sets of one rig; the same frames give the same findings."""
 
@@ -85,8 +97,8 @@ class ImageMonitor:
         self._rig, self._settings, self._keep = rig, settings, keep
         self._must_forget = False
         self._set_learned(learned)
-        self._before: dict[str, ImageStatistics] = {}
-        self._levels_before: dict[str, Float32Array] = {}
+        self._rows_before: dict[str, Float32Array] = {}
+        self._expected, self._last = ExpectedCheck(), ExpectedCheck()
         self._recorded = ""
         """Of the frame before, the recorded frame that it shows."""
         self._lit_before: dict[str, ImageStatistics] = {}
@@ -117,48 +129,67 @@ class ImageMonitor:
         """Return what was learned from the first sound frames; None before."""
         return self._reference
 
-    def check_images(self, frames: FrameSet) -> ImageCheck:
-        """Return the findings about a frame's images, and what of them can be matched."""
+    @property
+    def checks_images(self) -> bool:
+        """Return whether the settings have images checked."""
+        return self._settings.images
+
+    def expect(self) -> ExpectedCheck:
+        """Return what the check of a coming frame will probably find: what two frames in a row have shown."""
+        return self._expected
+
+    def check_images(self, frames: FrameSet, sampled: Mapping[str, ImageSample] | None = None) -> ImageCheck:
+        """Return the findings about a frame's images, and what of them can be matched.
+
+        ``sampled`` is the result of `sample_images` for all its images, where it is known.
+        """
         if self._must_forget:
             self._must_forget = False
             self._set_learned(None)
         images = {name: image for name, image in frames.images.items() if name in self._rig.cameras}
         if not self._settings.images or not images:
             return ImageCheck((), frames, True)
-        levels = {name: compute_levels(image) for name, image in images.items()}
+        known = sampled if sampled is not None and sampled.keys() >= images.keys() else sample_images(images)
+        rows = {name: known[name].rows for name in images}
         statistics = {
-            name: replace(
-                compute_statistics(images[name], level), exposure_us=frames.exposures_us.get(name, 1.0)
-            )
-            for name, level in levels.items()
+            name: replace(known[name].statistics, exposure_us=frames.exposures_us.get(name, 1.0))
+            for name in images
         }
         if frames.recorded and frames.recorded == self._recorded:
-            self._levels_before = {}  # a loop shows it again, with the frames between left out
+            self._rows_before = {}  # a loop shows it again, with the frames between left out
         self._recorded = frames.recorded
-        findings, is_moving = self._check(statistics, levels)
+        findings, is_moving = self._check(statistics, rows)
         is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
         if self._settings.learning and self._reference is None and is_sound:
             self._learn(statistics)
-        self._before, self._levels_before = statistics, levels
+        self._rows_before = rows
         blind = {one.subject for one in findings if one.effect == "missing"}
         check = self._select(frames, blind, tuple(map(self._weight_camera, findings)))
         light = _select_window_light(statistics, findings)
-        return replace(check, window_light=light, is_moving=is_moving)
+        check = replace(check, window_light=light, is_moving=is_moving)
+        self._note_expected(check, frozenset(images) - check.frames.images.keys())
+        return check
+
+    def _note_expected(self, check: ImageCheck, left_out: frozenset[str]) -> None:
+        """Expect what a frame has shown where the one before showed it, too; a single frame changes nothing."""
+        light = tuple(check.window_light) if check.is_moving and check.window_light is not None else None
+        before, self._last = self._last, ExpectedCheck(left_out, bool(check.frames.images), light)
+        if (before.left_out, before.matches) == (self._last.left_out, self._last.matches):
+            self._expected = self._last
 
     def check_depth(
         self, check: ImageCheck, depth: DepthMap, light: Mapping[str, LightMap] | None = None
     ) -> tuple[Finding, ...]:
         """Return the findings that need the depth of a frame whose images were checked.
 
-        The frames come in their order, but the images of later ones may have been checked already. Dirt is searched
-        in frames of a moving belt; while it stands the last findings hold. ``light`` is the result of `sample_light`
-        for this check and depth, where it is known.
+        Dirt is searched in frames of a moving belt; while it stands the last findings hold. ``light`` is the result
+        of `sample_light` for this depth, where it is known; it holds for the cameras that it was sampled of.
         """
         if check.window_light is None:
             return ()
         self._moving_frames += check.is_moving
         if check.is_moving:
-            if light is None:
+            if light is None or light.keys() != check.window_light.keys():
                 self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
                 light = sample_light(check.window_light, self._rig, self._rays, depth)
             self._dirt = tuple(map(self._weight_camera, self._check_dirt(light)))
@@ -186,12 +217,12 @@ class ImageMonitor:
         ]
 
     def _check(
-        self, statistics: dict[str, ImageStatistics], levels: dict[str, Float32Array]
+        self, statistics: dict[str, ImageStatistics], rows: dict[str, Float32Array]
     ) -> tuple[tuple[Finding, ...], bool]:
         """Return the findings, and whether the belt moves."""
         settings, reference = self._settings, self._reference
         noise = min(one.noise for one in statistics.values())
-        changes = measure_changes(self._levels_before, levels, noise)
+        changes = measure_changes(self._rows_before, rows, noise)
         finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
         is_moving = bool(finite) and float(np.median(finite)) > _MOVING
         step_sigma, light, light_sigma = self._follow_light(statistics)

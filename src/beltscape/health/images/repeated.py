@@ -12,8 +12,6 @@ from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import make_message
 
-_ROWS_STEP = 4
-"""Every fourth row of the examined rows is compared."""
 _QUIET = 0.15
 """Change over noise below which an image repeats: two images of a standing belt differ by the noise itself."""
 _STILL = 0.15
@@ -37,14 +35,14 @@ def measure_changes(
 ) -> dict[str, ImageChange]:
     """Return the change of each camera that is in both frames.
 
-    ``before`` and ``now`` are levels of `compute_levels`; ``noise`` is the least variance over the cameras, because
+    ``before`` and ``now`` are rows of `ImageSample`; ``noise`` is the least variance over the cameras, because
     texture everywhere in a picture raises its estimate.
     """
     changes: dict[str, ImageChange] = {}
-    for name, levels in now.items():
-        if name not in before or before[name].shape != levels.shape:
+    for name, other in now.items():
+        one = before.get(name)
+        if one is None or one.shape != other.shape:
             continue
-        one, other = before[name][::_ROWS_STEP], levels[::_ROWS_STEP]
         if np.ptp(other) < 4:
             changes[name] = ImageChange(float("nan"), float("nan"))
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ from beltscape.health.images.synchronisation import (
     separate_delay,
 )
 from beltscape.health.settings import HealthSettings
+from beltscape.workers.calls import CallMaker, CallsHere, PendingCall
+from beltscape.workers.transport import SharedObject
 
 _EVERY = 8
 """Number of frames per check; a check takes about a tenth of a second. A suspicious one is repeated at once."""
@@ -66,6 +69,50 @@ _OLD = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ComparedPair:
+    """What two frames show of the auxiliaries' instants."""
+
+    moved: Mapping[str, Displacement]
+    old: frozenset[str]
+    """Auxiliaries whose image is that of the frame before."""
+
+
+@lru_cache(maxsize=2)
+def _make_grid(rig: SharedObject[Rig]) -> SurfaceGrid:
+    return SurfaceGrid(rig.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePair:
+    """Two frames to compare."""
+
+    rig: SharedObject[Rig]
+    before: SurfaceSamples
+    now: SurfaceSamples
+    travel_mm: NDArray[np.float64]
+    """(3,) the belt's motion between them in the core's frame."""
+    names: tuple[str, ...]
+    """The auxiliaries that both have."""
+    is_next: bool
+    """Whether one follows on the other, so that an image may be that of the frame before."""
+
+
+def compare_pair(pair: FramePair) -> ComparedPair:
+    """Compare the auxiliaries with the core in two frames."""
+    grid, core, before, now = _make_grid(pair.rig), pair.rig.value.core, pair.before, pair.now
+    moved = measure_displacement(grid, before, now, pair.travel_mm, core, pair.names)
+    old = (name for name in pair.names if pair.is_next and _is_old(grid, core, name, before, now))
+    return ComparedPair(moved, frozenset(old))
+
+
+def _is_old(grid: SurfaceGrid, core: str, name: str, before: SurfaceSamples, now: SurfaceSamples) -> bool:
+    """Return whether a camera's image is that of the frame before."""
+    own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)
+    old = grid.sample(now.textures[name], name, before.surface.points_mm)
+    return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > max(_OLD, own + 0.1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Stored:
     """A frame that waits for the next one."""
 
@@ -76,13 +123,35 @@ class _Stored:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """Two frames that are being compared."""
+
+    before: _Stored
+    now: _Stored
+    along: NDArray[np.float64]
+    distance_mm: float
+    names: tuple[str, ...]
+    pair: PendingCall[ComparedPair] | None
+    """None: there is no camera to compare."""
+    is_doubtful: bool
+    """Whether the core may have moved, so that no auxiliary is accused anew."""
+
+
 class SynchronisationMonitor:
     """Compares what the cameras show of the moving material in pairs of frames."""
 
-    def __init__(self, rig: Rig, settings: HealthSettings, grid: SurfaceGrid | None = None) -> None:
-        """``grid`` is one that other checks of the same frames use, too."""
+    def __init__(
+        self,
+        rig: Rig,
+        settings: HealthSettings,
+        grid: SurfaceGrid | None = None,
+        calls: CallMaker | None = None,
+    ) -> None:
+        """``grid`` is one that other checks of the same frames use, too; ``calls`` compares, None: `begin` does."""
         self._rig, self._settings = rig, settings
-        self._grid = grid or SurfaceGrid(rig)
+        self._grid, self._calls = grid or SurfaceGrid(rig), calls or CallsHere()
+        self._shared_rig = SharedObject(rig)
         self._number = 0
         self._due = 0
         self._compared_ns: int | None = None
@@ -92,6 +161,8 @@ class SynchronisationMonitor:
         self._history: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
         self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
+        self._comparison: _Comparison | None = None
+        """What was begun and is not completed."""
 
     def expects(self, frames: FrameSet, ahead: int) -> bool:
         """Return whether a frame after ``ahead`` others will probably be compared: two that are due will be."""
@@ -114,7 +185,19 @@ class SynchronisationMonitor:
         along: NDArray[np.float64] | None,
         others: Sequence[Finding] = (),
     ) -> tuple[Finding, ...]:
-        """Return the findings "camera_sync" of the next frame; between two checks those that are faults.
+        """Return the findings of the next frame; see `begin` and `complete`."""
+        self.begin(frames, depth, position_mm, along, others)
+        return self.complete()
+
+    def begin(
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        position_mm: float | None,
+        along: NDArray[np.float64] | None,
+        others: Sequence[Finding] = (),
+    ) -> None:
+        """Begin to check the next frame, after the one before has been completed.
 
         ``position_mm`` is the belt's travel at the frame, ``along`` (3,) its direction in the core's frame.
         ``others`` are the findings about the frame's cameras: all auxiliaries disagree with a core that moved, or may
@@ -122,26 +205,35 @@ class SynchronisationMonitor:
         """
         self._number += 1
         if depth is None or position_mm is None or along is None or frames.time_ns is None:
-            return self._faults
+            return
         before = self._before
         if before is None:
             if self._number >= self._due and not self._is_soon(frames.time_ns):
                 self._before = self._store(frames, depth, position_mm, frames.time_ns)
-            return self._faults
+            return
         travel, distance = position_mm - before.position_mm, float(np.nanmedian(depth.depth_mm[::8, ::8]))
         if not travel >= _NEAREST * distance:
-            return self._faults
+            return
         now = self._store(frames, depth, position_mm, frames.time_ns)
         if travel > _FARTHEST * distance or frames.time_ns <= before.time_ns:
             self._before = now
+            return
+        is_doubtful = has_fault(others, CAMERA_POSE, "", self._rig.core)
+        is_doubtful |= has_fault(others, CAMERA_POSE_UNCHECKED, "")
+        self._comparison = self._begin_comparison(before, now, along, distance, is_doubtful=is_doubtful)
+        self._due, self._compared_ns, self._before = self._number + _EVERY, frames.time_ns, None
+
+    def complete(self) -> tuple[Finding, ...]:
+        """Return the findings "camera_sync" of the frame that was begun; between two checks those that are faults."""
+        comparison, self._comparison = self._comparison, None
+        if comparison is None:
             return self._faults
-        findings = self._compare(before, now, along, distance)
-        if has_fault(others, CAMERA_POSE, "", self._rig.core) or has_fault(others, CAMERA_POSE_UNCHECKED, ""):
+        findings = self._assess(comparison)
+        if comparison.is_doubtful:
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
-        self._due, self._compared_ns = self._number + _EVERY, frames.time_ns
         is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
-        self._before = now if is_suspect and not self._faults else None
+        self._before = comparison.now if is_suspect and not self._faults else None
         return tuple(findings)
 
     def _acquit(self, finding: Finding) -> Finding:
@@ -155,20 +247,38 @@ class SynchronisationMonitor:
         stored = self._grid.view(frames, depth).sample_surface(self._rig.cameras)
         return _Stored(self._number, stored, tuple(stored.textures), position_mm, time_ns)
 
-    def _compare(
-        self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float
-    ) -> list[Finding]:
+    def _begin_comparison(
+        self,
+        before: _Stored,
+        now: _Stored,
+        along: NDArray[np.float64],
+        distance_mm: float,
+        *,
+        is_doubtful: bool,
+    ) -> _Comparison:
+        """Begin to compare two frames."""
         core = self._rig.core
         names = tuple(name for name in now.cameras if name in before.cameras and name != core)
         if core not in now.cameras or core not in before.cameras or not names:
+            return _Comparison(before, now, along, distance_mm, (), None, is_doubtful)
+        travel_mm = along * (now.position_mm - before.position_mm)
+        is_next = now.number == before.number + 1
+        pair = FramePair(self._shared_rig, before.frame, now.frame, travel_mm, names, is_next)
+        pending = self._calls.begin(compare_pair, pair)
+        return _Comparison(before, now, along, distance_mm, names, pending, is_doubtful)
+
+    def _assess(self, comparison: _Comparison) -> list[Finding]:
+        """Return the findings about the core and the auxiliaries that were compared."""
+        if comparison.pair is None:
             return []
+        core, names, found = self._rig.core, comparison.names, comparison.pair.result()
+        before, now, moved = comparison.before, comparison.now, found.moved
+        along, distance_mm = comparison.along, comparison.distance_mm
         travel = now.position_mm - before.position_mm
         seconds = (now.time_ns - before.time_ns) * 1e-9
-        moved = measure_displacement(self._grid, before.frame, now.frame, along * travel, core, names)
         delays = {name: self._estimate(name, moved[name], travel / seconds, distance_mm) for name in names}
-        for name in names:
-            if now.number == before.number + 1 and self._is_old(name, before.frame, now.frame):
-                delays[name] = CameraDelay(-travel, _BIAS * distance_mm, travel / seconds)
+        for name in found.old:
+            delays[name] = CameraDelay(-travel, _BIAS * distance_mm, travel / seconds)
         measured = {name: one for name, one in delays.items() if one is not None}
         late_core = find_late_core(measured, self._settings.skew_ms)
         if late_core is not None:
@@ -246,10 +356,3 @@ class SynchronisationMonitor:
         finding = check_synchronisation(name, delay, error, self._settings)
         holds = fault is not None and abs(finding.value) > _CLEARED * abs(fault.value)
         return fault if fault is not None and holds and not finding.is_fault else finding
-
-    def _is_old(self, name: str, before: SurfaceSamples, now: SurfaceSamples) -> bool:
-        """Return whether a camera's image is that of the frame before."""
-        core = self._rig.core
-        own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)
-        old = self._grid.sample(now.textures[name], name, before.surface.points_mm)
-        return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > max(_OLD, own + 0.1)

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -219,7 +220,10 @@ class ForeignObjectCheck:
         """Return the largest height (Ny, Nx) around each cell; NaN where less than half of the cells are known."""
         side = 2 * round(_AROUND_MM / self._cell_mm) + 1
         known = np.isfinite(height_mm)
-        highest = ndimage.maximum_filter(np.where(known, height_mm, -np.inf), side)
+        lowest = np.where(known, height_mm, -np.inf).astype(np.float32)
+        highest = cv2.dilate(
+            lowest, np.ones((side, side), np.uint8)
+        )  # faster than SciPy's filter, same values
         share = ndimage.uniform_filter(known.astype(np.float32), side)
         return np.where(share > 0.5, highest, np.nan).astype(np.float32)
 

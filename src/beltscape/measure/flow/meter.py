@@ -13,6 +13,7 @@ from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.ledger import FlowRecord
 from beltscape.measure.belt.reference import EmptyBeltReference, MeasuredLoad
 from beltscape.measure.flow.belt_motion import BeltMotion, EncoderScale
+from beltscape.measure.flow.blocks import PendingRows, PieceCallback
 from beltscape.measure.flow.density import Density, make_unknown_density
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fuse import Scatter
@@ -21,11 +22,12 @@ from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion_tracker import MotionTracker
 from beltscape.measure.flow.profile import Profile
 from beltscape.measure.flow.registration import HighPassHeights, Shift, compute_high_pass
-from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
+from beltscape.measure.flow.rows import LayerBuffer, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
 from beltscape.measure.flow.travel_direction import TravelDirectionCheck
+from beltscape.workers.calls import CallMaker
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -69,12 +71,14 @@ class BeltFlowMeter:
         watch_step: Callable[[FramePlacement], None] | None = None,
         front_mm: float | None = None,
         scale_sigma: float = 0.0,
+        calls: CallMaker | None = None,
     ) -> None:
         """``watch_belt`` receives each finished piece of the fused belt, ``watch_step`` each frame's position.
 
         ``front_mm`` is a belt coordinate up to which the belt is counted already: of the belt in view at the first
         frame, only the part beyond it is new. It requires an encoder that continued to count. ``scale_sigma`` is
-        the relative standard deviation of the rig's lengths (`Rig.scale_sigma`).
+        the relative standard deviation of the rig's lengths (`Rig.scale_sigma`). ``calls`` fills holes beside the
+        caller, who then gets the records from `collect`; None: `push` fills them.
         """
         self.reference = reference
         self.settings = settings or FlowSettings()
@@ -86,7 +90,12 @@ class BeltFlowMeter:
         self._sums = StripSums(reference.belt.drift_mm, self._width_mm, scale_sigma)
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
-        self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))
+        filler = RowFiller(reference, self.settings, watch_belt, calls)
+        self._buffer = LayerBuffer(reference, self.settings, filler)
+        self._filling: list[PendingRows] = []
+        """The blocks that are being filled, in the order of the belt."""
+        self._seen_until_mm = -np.inf
+        """Up to here the belt has left the view."""
         self._foreign = ForeignObjectCheck(
             _COARSE_CELLS * reference.cell_mm, float(np.ptp(reference.seen_mm))
         )
@@ -187,15 +196,32 @@ class BeltFlowMeter:
             list(findings),
             None if prepared is None else prepared.load,
         )
+        out = (
+            self.collect()
+        )  # before the findings are attributed: whoever fills the holes, the records are the same
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
         self.findings = ()
         self._waiting.append(pushed)
         if not self._tracker.can_locate(self._waiting):
-            return self._process_oldest()
-        out = [record for one in self._waiting for record in self._process(one)]
+            return out + self._process_oldest()
+        out += [record for one in self._waiting for record in self._process(one)]
         self._waiting = []
         return out
+
+    @property
+    def is_filled(self) -> bool:
+        """Return whether holes were being filled and `collect` need not wait for them any more."""
+        return bool(self._filling) and all(one.is_done for one in self._filling)
+
+    def collect(self) -> list[FlowRecord]:
+        """Wait for the holes of the frames so far to be filled, and return the records that this completes."""
+        if not self._filling:
+            return []
+        for pending in self._filling:
+            self._profile.add(pending.finish())
+        self._filling = []
+        return self._pop_finished(self._seen_until_mm)
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""
@@ -204,8 +230,9 @@ class BeltFlowMeter:
             self._tracker.assume_direction(self._waiting)
             out = [record for one in self._waiting for record in self._process(one)]
             self._waiting = []
-        for rows in self._buffer.close():
-            self._profile.add(rows)
+        out += self.collect()
+        for pending in self._buffer.close():
+            self._profile.add(pending.finish())
         return out + self._strips.pop_finished(self._profile, np.inf)
 
     def _process_oldest(self) -> list[FlowRecord]:
@@ -227,7 +254,7 @@ class BeltFlowMeter:
 
     def _process(self, frame: PushedFrame) -> list[FlowRecord]:
         """Locate a frame, add its layer to the buffer, and cut its strip."""
-        before = self.motion.last
+        out, before = self.collect(), self.motion.last
         location = self._tracker.locate(frame)
         place = location.place
         self._check_travel_direction(frame, location.shift)
@@ -236,7 +263,7 @@ class BeltFlowMeter:
         self._relocate(location)
         if place is None:
             self._strips.add(self._cutter.make_unplaced_strip(frame))
-            return self._pop_finished()
+            return out + self._pop_finished()
         if self._watch_step is not None:
             self._watch_step(FramePlacement(frame.frame, place, location.shift, location.is_encoder_trusted))
         view_start = np.inf
@@ -258,10 +285,11 @@ class BeltFlowMeter:
         self._faults.attach(strip, frame, view_start)
         self._strips.add(strip)
         self._add_encoder_finding(frame, location)
-        seen_until = place.position_mm + self._convert_range(self.reference.seen_mm)[0]
-        for rows in self._buffer.fuse_until(seen_until):
-            self._profile.add(rows)
-        return self._pop_finished(seen_until)
+        self._seen_until_mm = place.position_mm + self._convert_range(self.reference.seen_mm)[0]
+        self._filling = self._buffer.fuse_until(self._seen_until_mm)
+        if not self._filling:
+            return out + self._pop_finished(self._seen_until_mm)
+        return out + (self.collect() if self.is_filled else [])
 
     def _check_travel_direction(self, frame: PushedFrame, shift: Shift | None) -> None:
         """Degrade the frame's strip where the material does not move along the belt's axis."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.measure.flow.rows import Rows
+from beltscape.measure.flow.blocks import Rows
 
 _HISTORY_MM = 5000.0
 """Length of belt whose cross-sections are kept for bridging gaps."""

@@ -11,6 +11,7 @@ Consecutive frames are registered by the high-pass heights of their loads.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -186,11 +187,7 @@ def correlate_along(
     reach = int(rows * (1 - least_overlap))
     size = fft.next_fast_len(rows + reach, real=True)
 
-    def spectra(of: HighPassHeights) -> list[NDArray[np.complex128]]:
-        parts = (of.load.astype(np.float64), of.high_pass_mm, of.high_pass_mm**2)
-        return [np.asarray(fft.rfft(part, size, axis=0)) for part in parts]
-
-    one, two = spectra(before), spectra(after)
+    one, two = _compute_spectra(before, size), _compute_spectra(after, size)
 
     def correlate(i: int, j: int) -> NDArray[np.float64]:
         """Return Σ over cells of before_i(y) · after_j(y + shift), for all shifts."""
@@ -212,6 +209,16 @@ def correlate_along(
     )
     score = normalise_correlation(number, (a, b), (aa, bb), ab, _LEAST_COMMON * rows * columns)
     return shifts, np.asarray(score, np.float64), number / (rows * columns)
+
+
+@lru_cache(maxsize=4)
+def _compute_spectra(heights: HighPassHeights, size: int) -> tuple[NDArray[np.complex128], ...]:
+    """Return the spectra along columns, padded to ``size``, of the load, the high-pass heights and their squares.
+
+    A frame is compared with the one before and with the one after it.
+    """
+    parts = heights.load.astype(np.float64), heights.high_pass_mm, heights.high_pass_mm**2
+    return tuple(np.asarray(fft.rfft(part, size, axis=0)) for part in parts)
 
 
 def normalise_correlation(
@@ -296,10 +303,10 @@ def _compute_common_structure(
     one, two = (np.diff(np.where(is_inlier, field, np.nan), axis=0) for field in (before, moved))
     product, mean = one * two, 0.25 * (one + two) ** 2
     rows, columns = np.nonzero(np.isfinite(product))
-    blocks = np.unique(rows // side * (before.shape[1] // side + 1) + columns // side)
+    blocks = np.count_nonzero(np.bincount(rows // side * (before.shape[1] // side + 1) + columns // side))
     information = float(np.nansum(mean))
     share = float(np.nansum(product)) / information if information > 0 else 0.0
-    least = max(_LEAST_COMMON_STRUCTURE, _CHANCE_STRUCTURE / np.sqrt(max(len(blocks), 1)))
+    least = max(_LEAST_COMMON_STRUCTURE, _CHANCE_STRUCTURE / np.sqrt(max(blocks, 1)))
     return min(share, 1.0) if share >= least else None
 
 

@@ -1,4 +1,4 @@
-"""Rows of fused belt: the layers still in view, the filling of holes in finished rows, and the sums over each row.
+"""Rows of fused belt: the layers still in view, and the blocks of finished rows whose holes are filled.
 
 Layers are fused when their belt has left the view. For reports the belt is kept from end to end at a reduced
 resolution.
@@ -6,72 +6,32 @@ resolution.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.height_map import HeightMap
 from beltscape.measure.belt.reference import EmptyBeltReference, Layer
-from beltscape.measure.flow.continuation import continue_into_holes
+from beltscape.measure.flow.blocks import (
+    BeltBlock,
+    BeltPiece,
+    BlockGrid,
+    PendingRows,
+    PieceCallback,
+    fill_block,
+)
 from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.holes import Filled, fill_holes
-from beltscape.measure.surface import close_pinholes
-from beltscape.measure.volume.uncertainty import EDGE_PX, STEP_SLOPE
+from beltscape.workers.calls import CallMaker, CallsHere
+from beltscape.workers.transport import SharedObject
 
 _MIN_SHARE = 0.02
 """A row with a smaller measured share counts as not in view."""
 _MIN_RIM_SHARE = 0.5
 """The limit beside a gap, where only low surfaces are in view."""
-_LOWER_SIGMA = 0.8
-"""Cells that none of many frames measured lie lower, by this many σ, than cells that one frame does not measure, on
-which the networks were trained: by 0 to 1.2 on the ten heaps of the manual's page on the fused belt."""
-_COMMON = 0.5
-"""Share of the holes' σ that is common to all holes: errors over σ of these heaps' totals are 0.9 RMS (0.35: 1.2)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Sums over each of n rows of belt; row j reaches from (j - ½) to (j + ½) cells in s."""
-
-    first: int
-    """Number of the first row."""
-    area_mm2: NDArray[np.float64]
-    """(n,) cross-section of the load."""
-    share: NDArray[np.float64]
-    """(n,) share of the row that was measured."""
-    single_share: NDArray[np.float64]
-    """(n,) share of the row that one frame measures on average."""
-    apart_mm5: NDArray[np.float64]
-    """(n,) variance per mm of belt of errors that are independent over long stretches: noise and holes."""
-    edges_mm2: NDArray[np.float64]
-    """(n,) σ of the volume per mm of belt due to the common displacement of all edges, and to false depths there."""
-    holes_mm2: NDArray[np.float64]
-    """(n,) σ of the volume per mm of belt due to the common error of all filled holes."""
-
-    def __len__(self) -> int:
-        return len(self.area_mm2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BeltPiece:
-    """A finished piece of the fused belt, for pictures."""
-
-    first: int
-    """Number of the first row; row j is at s = j · cell."""
-    height_mm: NDArray[np.float32]
-    """(n, Nx) load over the empty belt; in holes the most probable height, where `Rows` sum the mean."""
-    sigma_mm: NDArray[np.float32]
-    """(n, Nx) σ of ``height_mm``."""
-    measured: NDArray[np.bool_]
-    """(n, Nx) whether any frame measured the cell."""
-
-
-PieceCallback = Callable[[BeltPiece], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,10 +66,15 @@ class RowFiller:
     """
 
     def __init__(
-        self, ground: EmptyBeltReference, settings: FlowSettings, watch: PieceCallback | None
+        self,
+        ground: EmptyBeltReference,
+        settings: FlowSettings,
+        watch: PieceCallback | None,
+        calls: CallMaker | None = None,
     ) -> None:
-        """``watch`` receives every finished piece of belt."""
-        self._ground, self._watch = ground, watch
+        """``watch`` receives every finished piece of belt; ``calls`` fills the blocks, None: each at once."""
+        self._watch, self._calls = watch, calls or CallsHere()
+        self._grid = SharedObject(BlockGrid(ground.cell_mm, ground.ray_slope_across(), ground.patch_mm2))
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
         self._rows: list[_FusedPart] = []
@@ -128,8 +93,8 @@ class RowFiller:
         """Return the number of the row after the segment's last."""
         return self._first + sum(map(len, self._rows))
 
-    def add(self, fused: FusedRows) -> list[Rows]:
-        """Add further rows and return the finished ones."""
+    def add(self, fused: FusedRows) -> list[PendingRows]:
+        """Add further rows and return those whose block is complete."""
         layer = fused.layer
         out = self.mark_unseen(layer.first)
         added = _FusedPart(
@@ -157,7 +122,7 @@ class RowFiller:
             out += self._fill_ready_blocks(closed=False)
         return out
 
-    def mark_unseen(self, row: int) -> list[Rows]:
+    def mark_unseen(self, row: int) -> list[PendingRows]:
         """Mark the rows up to ``row`` as not in view; beyond the margin this ends the segment."""
         if not self._rows or row - self._end <= self._margin:
             return []
@@ -175,7 +140,7 @@ class RowFiller:
             blank = np.full((3, count, columns), np.nan, np.float32)
             self._rows.append(_FusedPart(blank, np.zeros((4, count))))
 
-    def close(self) -> list[Rows]:
+    def close(self) -> list[PendingRows]:
         """End the segment and return its remaining rows."""
         if not self._rows:
             return []
@@ -183,9 +148,9 @@ class RowFiller:
         self._rows = []
         return out
 
-    def _fill_ready_blocks(self, *, closed: bool) -> list[Rows]:
+    def _fill_ready_blocks(self, *, closed: bool) -> list[PendingRows]:
         """Fill the blocks whose margins are complete."""
-        out: list[Rows] = []
+        out: list[PendingRows] = []
         end = self._end
         ready = end if closed else end - self._margin
         while self._done < ready:
@@ -195,72 +160,21 @@ class RowFiller:
             out.append(self._fill_block(min(stop, ready), min(end, min(stop, ready) + self._margin)))
         return out
 
-    def _fill_block(self, stop: int, ahead: int) -> Rows:
-        """Fill the rows up to ``stop``, using those up to ``ahead``."""
+    def _fill_block(self, stop: int, ahead: int) -> PendingRows:
+        """Begin to fill the rows up to ``stop``, using those up to ``ahead``."""
         whole = _join(self._rows)
         behind = max(self._first, self._done - self._margin)
         near = whole.cut(behind - self._first, ahead - self._first)
-        height, sigma, noise = near.planes.astype(np.float64)
-        frames, single, ray_slope, false_mm = near.by_row
-        measured = close_pinholes(np.isfinite(height))
-        slopes = np.empty((2, *height.shape))
-        slopes[0], slopes[1] = self._ground.ray_slope_across(), ray_slope[:, None]
-        narrow = measured & ~np.isfinite(height)
-        own = slice(self._done - behind, stop - behind)
-        needed = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
-        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=needed)
-        filled = _lower_holes(filled.cut(needed), frames[needed, None])
-        noise, measured, single = noise[needed], measured[needed], single[needed]
-        own = slice(own.start - needed.start, own.stop - needed.start)
-        rows = self._sum_rows(filled, noise, measured, single, false_mm[needed], own)
-        if self._watch is not None:  # the surface is the most probable one, the totals are sums of means
-            shown = continue_into_holes(filled, height, self._ground.cell_mm, needed)
-            parts = (shown.value_mm[own].astype(np.float32), shown.sigma_mm[own].astype(np.float32))
-            self._watch(BeltPiece(self._done, *parts, measured[own]))
+        own = self._done - behind, stop - behind
+        has_piece = self._watch is not None
+        # contiguous: on its way to a worker it is copied once
+        block = BeltBlock(
+            self._grid, np.ascontiguousarray(near.planes), near.by_row, own, self._done, has_piece
+        )
         self._done = stop
         keep = max(self._first, stop - self._margin)
         self._rows, self._first = [whole.cut(keep - self._first)], keep
-        return rows
-
-    def _sum_rows(
-        self,
-        filled: Filled,
-        noise: NDArray[np.float64],
-        measured: NDArray[np.bool_],
-        single: NDArray[np.float64],
-        false_mm: NDArray[np.float64],
-        own: slice,
-    ) -> Rows:
-        """Sums over the rows ``own`` of a filled block, whose rows begin no more than one before."""
-        cell = self._ground.cell_mm
-        shared = np.where(measured, np.nan_to_num(noise), 0.0)
-        sampling = np.clip(np.where(measured, filled.sigma_mm, 0.0) ** 2 - shared**2, 0, None)
-        apart = cell * self._ground.patch_mm2 * (shared**2).sum(axis=1) + cell**3 * sampling.sum(axis=1)
-        open_mm = np.where(measured, 0.0, filled.sigma_mm)[own]
-        label = np.zeros(open_mm.shape, np.int32)
-        ndimage.label(open_mm > 0, np.ones((3, 3)), output=label)
-        # a hole's variance (Σ cell² σ)² is distributed over its rows by their part of the sum
-        whole = cell**2 * np.bincount(label.ravel(), open_mm.ravel())
-        holes = (whole[label] * open_mm).sum(axis=1) * cell
-        rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
-        rise_y = np.abs(np.diff(filled.value_mm, axis=0, prepend=filled.value_mm[:1]))
-        steps = sum((np.where(rise > STEP_SLOPE * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
-        return Rows(
-            first=self._done,
-            area_mm2=cell * filled.value_mm[own].sum(axis=1),
-            share=measured[own].mean(axis=1),
-            single_share=single[own],
-            apart_mm5=apart[own] + holes,
-            edges_mm2=np.hypot(EDGE_PX * np.asarray(steps), measured.sum(axis=1) * false_mm)[own] * cell,
-            holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
-        )
-
-
-def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
-    """Lower the holes, the more frames (Ny, 1) had them in view, but not from above the belt to below it."""
-    low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
-    value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
-    return Filled(value, filled.sigma_mm, filled.hole)
+        return PendingRows(self._calls.begin(fill_block, block), self._watch)
 
 
 def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -322,11 +236,11 @@ class LayerBuffer:
         if self._newest is not None and self._newest.frame >= frame:
             self._newest = None
 
-    def fuse_until(self, until_mm: float) -> list[Rows]:
-        """Return the rows finished when the belt before ``until_mm`` has left the view."""
+    def fuse_until(self, until_mm: float) -> list[PendingRows]:
+        """Return the rows of the blocks that are complete when the belt before ``until_mm`` has left the view."""
         return self._fuse(int(np.floor(until_mm / self._ground.cell_mm)))
 
-    def close(self) -> list[Rows]:
+    def close(self) -> list[PendingRows]:
         """Return the remaining rows after the last frame."""
         out = self._fuse(max((layer.end for layer in self._list_layers()), default=0))
         return out + self._filler.close()
@@ -345,10 +259,10 @@ class LayerBuffer:
     def _list_layers(self) -> list[Layer]:
         return self._layers if self._newest is None else [*self._layers, self._newest]
 
-    def _fuse(self, until: int) -> list[Rows]:
+    def _fuse(self, until: int) -> list[PendingRows]:
         if self._next is None or until <= self._next:
             return []
-        out: list[Rows] = []
+        out: list[PendingRows] = []
         for first, end in self._find_stretches_in_view(self._next, until):
             fused = fuse(self._list_layers(), first, end)
             self.scatter = self.scatter + fused.scatter

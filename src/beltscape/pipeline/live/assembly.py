@@ -172,12 +172,12 @@ def _assemble_around(
 
 
 def _watch_workers(components: EngineComponents) -> None:
-    """Have the ends of matches wake the queue, and deaths of workers noted."""
-    if components.workers is not None:
-        components.workers.pool.on_end = components.queue.wake
-        components.workers.pool.on_death = lambda line: components.events.add(
-            "worker", "replaced", line, time_ns()
-        )
+    """Have the ends of matches and calls wake the queue, and deaths of workers noted."""
+    if components.workers is None:
+        return
+    for pool in (components.workers.pool, components.workers.helpers):
+        pool.on_end = components.queue.wake
+        pool.on_death = lambda line: components.events.add("worker", "replaced", line, time_ns())
 
 
 def _begin_run(historian: Historian, parts: MeasuringParts, options: RunOptions) -> LedgerState:

@@ -1,7 +1,4 @@
-"""The engine of the live system: the threads that feed, measure, write and monitor around one `MeasurementRun`.
-
-The operator's actions on it are alarms, the kept recording, maintenance, learned images and the zero.
-"""
+"""The engine of the live system: the threads that feed, measure, write and monitor around one `MeasurementRun`."""
 
 from __future__ import annotations
 
@@ -13,104 +10,24 @@ from time import monotonic, monotonic_ns, thread_time, time_ns
 
 from beltscape.alarms.readings import Readings
 from beltscape.core.alarm_catalogue import MAINTENANCE
-from beltscape.core.alarms import AlarmControls
-from beltscape.core.events import FrameEvent, Maintenance, ZeroProposal
+from beltscape.core.events import FrameEvent, Maintenance
 from beltscape.core.frames import FrameSet
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
 from beltscape.kernels import gpu_failures
 from beltscape.pipeline.live import maintenance
-from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.drift import store_drift
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts, RunRegister
 from beltscape.pipeline.live.gauges import CapacityMeter
 from beltscape.pipeline.live.intake import Arrival
 from beltscape.pipeline.live.measurement_run import Outcome
+from beltscape.pipeline.live.operator_controls import OperatorControls
 from beltscape.pipeline.live.reporting import RepairNotice
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
 
-
-class OperatorControls:
-    """Implements `Controls` on the components of an engine; every action is an event of the history."""
-
-    def __init__(self, components: EngineComponents) -> None:
-        self._components = components
-        self._events = components.events
-        recorder = components.recorder
-        self._alarms = AlarmControl(
-            components.board,
-            components.hidden_alarms,
-            self._events,
-            components.observer,
-            (lambda _: None) if recorder is None else recorder.keep,
-            components.alarm_states,
-            components.source.cameras,
-        )
-
-    @property
-    def alarm_controls(self) -> AlarmControls:
-        """The further actions on alarms."""
-        return self._alarms
-
-    def acknowledge(self, alarm: str, by: str) -> bool:
-        """Acknowledge an alarm; return whether there was one to acknowledge."""
-        return self._alarms.acknowledge(alarm, by)
-
-    def keep_recording(self, reason: str, by: str) -> bool:
-        """Keep the frames that the recording ring holds now; return whether there were any."""
-        recorder = self._components.recorder
-        kept = None if recorder is None else recorder.keep(reason)
-        if kept is None:
-            return False
-        self._events.add("recording", kept.name, reason, time_ns(), by)
-        return True
-
-    def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
-        """Begin maintenance, or set its reason and end anew."""
-        present = self._components.maintenance.begin(reason, minutes, by)
-        values: dict[str, object] = {"action": "begin", "reason": reason, "minutes": minutes}
-        self._events.add(
-            MAINTENANCE, "begin", f"{reason}, for at most {minutes:g} min", time_ns(), by, values
-        )
-        self._components.observer.on_maintenance(present)
-        return True
-
-    def end_maintenance(self, by: str) -> bool:
-        """End maintenance; return whether there was any. Without ``by`` its time is over."""
-        ended = self._components.maintenance.end()
-        if ended is None:
-            return False
-        values: dict[str, object] = {"action": "end", "reason": ended.reason}
-        self._events.add(MAINTENANCE, "end", ended.reason, time_ns(), by, values)
-        self._components.observer.on_maintenance(None)
-        return True
-
-    def learn_images(self, by: str) -> bool:
-        """Learn anew what sound images show, after cleaning or work at lenses and lights."""
-        if not self._components.learned_images.learn_anew():
-            return False
-        self._events.add("images", "learn", make_event_text("images_learn"), time_ns(), by)
-        return True
-
-    def measure_zero(self) -> ZeroProposal:
-        """Return the empty belt's motion since it was learned, from the next frames."""
-        return self._components.zero.measure()
-
-    def set_zero(self, number: int, by: str) -> bool:
-        """Set the zero to a measured one; it holds from the next frame on and over restarts."""
-        setting = self._components.zero.set(number, by)
-        if setting is None:
-            return False
-        values: dict[str, object] = {
-            "value": round(setting.offset_mm, 3),
-            "sigma": round(setting.sigma_mm, 3),
-            "tilt": round(setting.tilt_mm, 2),
-        }
-        text = f"{setting.offset_mm:+.2f} ± {setting.sigma_mm:.2f} mm, tilt {setting.tilt_mm:+.2f} mm"
-        self._events.add("zero", "set", text, time_ns(), by, values)
-        return True
-
+Submitted = deque[tuple[Arrival, PendingFrame | None]]
+"""The frame sets that were taken from the queue and are not measured yet, the oldest first."""
 
 _WAIT_S = 0.2
 """Longest wait for a frame set before the engine checks whether it must stop."""
@@ -136,6 +53,8 @@ class Engine(OperatorControls):
         self._repair = RepairNotice(components.historian, components.reporter)
         workers = components.workers
         self._capacity = CapacityMeter(None if workers is None else workers.count_matched_per_s)
+        self._most = 1 if workers is None else workers.ahead
+        """Number of frame sets that are submitted at a time."""
         self._runs = RunRegister(components.historian, components.read_certificate, components.provenance)
         self._next_run: int | None = None
         """The run of the next records, where only the certificate in force has changed."""
@@ -233,23 +152,18 @@ class Engine(OperatorControls):
 
     def _work(self) -> None:
         """Measure the queue's frame sets in their order, while workers match those after them."""
-        components, submitted = self._components, deque[tuple[Arrival, PendingFrame | None]]()
-        most = 1 if components.workers is None else components.workers.ahead
-        while True:
-            while len(submitted) < most and (arrival := components.queue.get(0)) is not None:
-                submitted.append((arrival, self._submit(arrival.frames, len(submitted))))
-            # where no more are submitted there is nothing to do but to wait for the oldest one
-            if submitted and (len(submitted) == most or _is_done(submitted[0][1])):
+        components, submitted = self._components, Submitted()
+        while submitted or not components.queue.closed:
+            self._submit_next(submitted)
+            if components.measurement.is_filled:
+                self._collect()
+            elif submitted and _is_done(submitted[0][1]):
                 arrival, pending = submitted.popleft()
                 self._measure(arrival.frames, pending, arrived_s=arrival.at_s)
-                if not submitted and not len(components.queue):
+                if components.workers is None and not submitted and not len(components.queue):
                     self._flush()
-            elif not submitted and components.queue.closed:
-                break
-            elif components.queue.wait(_WAIT_S) or submitted:
-                continue
-            elif components.polls_encoder and (step := self._encoder_step()) is not None:
-                self._measure(step)
+            else:
+                self._wait(submitted)
         try:
             self._publish(components.measurement.finish())
         except Exception as error:
@@ -257,6 +171,21 @@ class Engine(OperatorControls):
                 f"at the end: {type(error).__name__}: {error}; what was not finished is missing"
             )
         self._ended.set()
+
+    def _submit_next(self, submitted: Submitted) -> None:
+        """Take frame sets from the queue, as many as may be submitted."""
+        while len(submitted) < self._most and (arrival := self._components.queue.get(0)) is not None:
+            submitted.append((arrival, self._submit(arrival.frames, len(submitted))))
+
+    def _wait(self, submitted: Submitted) -> None:
+        """Wait for a frame set or for a match; where neither comes, let the encoder give the belt's position."""
+        components = self._components
+        if len(submitted) == self._most:  # no further one is taken before the end of a match wakes the queue
+            components.queue.wait_for_wake(_WAIT_S)
+        elif components.queue.wait(_WAIT_S) or submitted:
+            return
+        elif components.polls_encoder and (step := self._encoder_step()) is not None:
+            self._measure(step)
 
     def _encoder_step(self) -> FrameSet | None:
         """Return a frame set without images if no camera delivers but the belt has moved on, else None."""
@@ -290,6 +219,8 @@ class Engine(OperatorControls):
             self._restart(f"frame {frames.frame}", error)
             return
         self._publish(outcome)
+        if components.workers is not None:  # they match meanwhile: no frame waits for the next one
+            self._flush()
         self._finish_exchange()
         self._components.zero.add(outcome.depth, outcome.findings)
         self._done += 1
@@ -309,15 +240,21 @@ class Engine(OperatorControls):
                 gauges.last_lump_mm,
                 gauges.full_area_mm2,
                 gauges.capacity,
+                self._view_mm,
             )
         )
+
+    @property
+    def _view_mm(self) -> float:
+        """Return the length of belt that a frame set sees."""
+        low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
+        return abs(high_mm - low_mm)
 
     def _tell_capacity(self, elapsed_s: float, own_s: float) -> None:
         """Take over how long a frame set took; the first time that the capacity is known it is an event."""
         self._capacity.add(elapsed_s, own_s)
         gauges, before = self._components.gauges, self._components.gauges.capacity
-        low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
-        gauges.capacity = self._capacity.compute(abs(high_mm - low_mm))
+        gauges.capacity = self._capacity.compute(self._view_mm)
         if math.isnan(before.sets_per_s) and not math.isnan(gauges.capacity.sets_per_s):
             rate, speed = f"{gauges.capacity.sets_per_s:.3g}", f"{gauges.capacity.speed_mm_s * 1e-3:.3g}"
             text = make_event_text("capacity_measured", rate=rate, speed=speed)
@@ -363,6 +300,13 @@ class Engine(OperatorControls):
         """Measure the frame that is matched but not measured yet, as no other frame set waits."""
         try:
             self._publish(self._components.measurement.flush())
+        except Exception as error:
+            self._restart("measuring", error)
+
+    def _collect(self) -> None:
+        """Publish what is complete since its holes have been filled."""
+        try:
+            self._publish(self._components.measurement.collect())
         except Exception as error:
             self._restart("measuring", error)
 

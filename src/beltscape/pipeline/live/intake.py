@@ -90,6 +90,13 @@ class FrameQueue:
             woken, self._woken = self._woken, False
             return woken or bool(self._waiting)
 
+    def wait_for_wake(self, seconds: float) -> None:
+        """Wait for `wake`, at most for some time."""
+        with self._changed:
+            if not self._woken:
+                self._changed.wait_for(lambda: self._woken, seconds)
+            self._woken = False
+
     def wake(self) -> None:
         """Let the thread that waits, or waits next, go on; any thread may call it."""
         with self._changed:

@@ -24,16 +24,18 @@ from beltscape.core.progress import Reporter
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.blocks import BeltPiece
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
-from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import MeasurementRequest
 from beltscape.pipeline.reconstructing.match_ahead import Submit
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
+from beltscape.workers.calls import CallMaker
 from beltscape.workers.transport import SharedObject
 
 _SECTION_CELL_MM = 5.0
@@ -109,6 +111,8 @@ class MeasurementContext:
     """What is learned of the images."""
     submit: Submit | None = None
     """Begins to match a frame set on a worker; None: the matcher matches each in its turn."""
+    calls: CallMaker | None = None
+    """Has holes filled beside the thread that measures; None: it fills them itself."""
 
     def with_empty_belt(self, empty_belt: EmptyBeltReference) -> MeasurementContext:
         """Return the context with another empty belt of the same camera."""
@@ -226,6 +230,15 @@ class MeasurementRun:
         """Measure the frame that is matched but not measured yet: the entries are the same, but earlier."""
         return self._without_frame([] if self._chain is None else self._chain.flush())
 
+    @property
+    def is_filled(self) -> bool:
+        """Return whether holes were being filled and `collect` need not wait for them any more."""
+        return self._chain is not None and self._chain.meter.is_filled
+
+    def collect(self) -> Outcome:
+        """Return the entries whose holes have been filled; the next `push` returns them otherwise."""
+        return self._without_frame([] if self._chain is None else self._chain.meter.collect())
+
     def finish(self) -> Outcome:
         """Return the remaining entries after the last frame."""
         return self._without_frame([] if self._chain is None else self._chain.finish())
@@ -304,6 +317,7 @@ class MeasurementRun:
             watch_step=self._set_position,
             front_mm=front_mm,
             scale_sigma=context.rig.scale_sigma,
+            calls=context.calls,
         )
         if self._chain is not None:
             self._chain.restart(meter)

@@ -32,9 +32,11 @@ from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import describe_measured_by, hash_empty_belt
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
-from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
+from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, MatcherFactory
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.sources.folder import scale_rig_to_capture
+from beltscape.workers.calls import CallMaker
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")
 """Tables of project.toml on which the parts depend, beside rig and empty belt."""
@@ -164,13 +166,24 @@ def build_context(
         rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig, watch
     )
     digest = hash_empty_belt(project.resolve(settings.empty))
-    monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
+    calls = None if workers is None else workers.calls
+    monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data, calls)
     matcher = MonitoredMatcher(matcher, monitor)
     density, limits = read_density(project), settings.health.belt
     factory = MatcherFactory(rig, near_far, matching.multiview())
     submit = None if workers is None else workers.make_submit(matcher, factory, reporter)
     return MeasurementContext(
-        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned, submit
+        rig,
+        empty_belt,
+        matcher,
+        settings.flow,
+        density,
+        limits,
+        images,
+        digest,
+        learned,
+        submit,
+        calls,
     )
 
 
@@ -185,11 +198,16 @@ def make_image_monitors(
     belt_sha256: str,
     reporter: Reporter,
     data: Path | None,
+    calls: CallMaker | None = None,
 ) -> Monitors:
-    """Return the monitors; ``data`` is the folder of what is learned, None: nothing is read or kept."""
+    """Return the monitors; ``data`` is the folder of what is learned, None: nothing is read or kept.
+
+    ``calls`` compares frames beside the thread that measures.
+    """
     health = project.settings.health
     if data is None or not health.learning:
-        return ImageMonitor(rig, health), BeltImageMonitor(rig, empty_belt, health), LearnedImages()
+        belt_images = BeltImageMonitor(rig, empty_belt, health, calls=calls)
+        return ImageMonitor(rig, health), belt_images, LearnedImages()
     key = {
         "rig": hash_file(project.resolve(project.settings.rig)),
         "empty belt": belt_sha256,
@@ -205,7 +223,7 @@ def make_image_monitors(
     pattern = learned_images.read_pattern(pattern_path, key, reporter)
     keep_pattern = learned_images.make_pattern_keeper(pattern_path, key, reporter)
     images = ImageMonitor(rig, health, learned, keep)
-    belt_images = BeltImageMonitor(rig, empty_belt, health, pattern, keep_pattern)
+    belt_images = BeltImageMonitor(rig, empty_belt, health, pattern, keep_pattern, calls)
     return images, belt_images, LearnedImages((images, belt_images), (path, pattern_path))
 
 

@@ -45,11 +45,8 @@ from beltscape.pipeline.measuring.flow_checks import (
     warn_of_motion_conflicts,
 )
 from beltscape.pipeline.measuring.instants import Instant, list_instants
-from beltscape.pipeline.reconstructing.checked_matcher import (
-    MonitoredMatcher,
-    SequenceMatcher,
-    make_sequence_matcher,
-)
+from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher, make_sequence_matcher
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
 from beltscape.report.measuring.flow import FlowReport, render_flow_page

@@ -28,8 +28,9 @@ from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
-from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
+from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
 from beltscape.workers.transport import SharedObject
 
 _OTHER_RAD = 1.5e-3
@@ -162,8 +163,6 @@ class FlowChain:
         self._belt_limits = belt_limits
         self._belt = BeltMonitor(meter.reference, belt_limits)
         self._images = images
-        self._delays: tuple[Finding, ...] = ()
-        """The findings about the cameras' instants in the frame that was measured last."""
         self._image_findings: tuple[Finding, ...] = ()
         """The findings of ``images`` about that frame."""
         self._reported: set[tuple[str, str]] = set()
@@ -222,7 +221,9 @@ class FlowChain:
         if one is None:
             return []
         known = self._get_known(one)
-        self._image_findings = (*self._check_projector(one), *self._delays)
+        # the instants are those of the frame before
+        delays = () if self._images is None else self._images.complete_synchronisation()
+        self._image_findings = (*self._check_projector(one), *delays)
         bare_belt = self._belt.check(one.depth, None if known is None else known.bare_belt)
         heights = (*bare_belt, *self._image_findings)
         records = self.meter.push(
@@ -239,7 +240,7 @@ class FlowChain:
         direction = self.meter.direction or 1
         marks = self._belt.follow(None if last is None else last.position_mm, direction)
         self._findings += (*heights, *marks, *self.meter.findings)
-        self._delays = self._check_delays(one)
+        self._begin_delays(one)
         return records
 
     def _report(self, reporter: Reporter) -> None:
@@ -260,14 +261,14 @@ class FlowChain:
                 bare_belt = self._images.adopt(one.frames, one.depth, request.samples, measured.samples)
         return self._images.check_projector(one.frames, one.depth, one.findings, bare_belt)
 
-    def _check_delays(self, one: _MatchedFrame) -> tuple[Finding, ...]:
-        """Return the findings about the cameras' instants, which the next frame's records receive."""
+    def _begin_delays(self, one: _MatchedFrame) -> None:
+        """Begin to check the cameras' instants; the next frame's records receive the findings."""
         last, prediction = self.meter.motion.last, self.meter.prediction
         if self._images is None:
-            return ()
+            return
         position = None if last is None or one.depth is None else last.position_mm
         along = None if prediction is None else prediction.along
-        return self._images.check_synchronisation(one.frames, one.depth, position, along, one.findings)
+        self._images.begin_synchronisation(one.frames, one.depth, position, along, one.findings)
 
     def pop_findings(self) -> tuple[Finding, ...]:
         """Remove and return the findings about measured frames."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,12 @@ from beltscape.health.camera_poses import (
     repeat_faults,
 )
 from beltscape.health.redundancy import make_redundancy_finding
-from beltscape.pipeline.reconstructing.frame_measurements import CameraRequest, CamerasAhead
+from beltscape.pipeline.reconstructing.frame_measurements import (
+    CameraRequest,
+    CamerasAhead,
+    DepthSummary,
+    summarise_depth,
+)
 from beltscape.stereo.consistency.check import (
     POOLED_FRAMES,
     ResidualAccumulator,
@@ -50,6 +55,7 @@ from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.consistency.wrong_images import FittingPoints, OtherInstant, is_of_own_instant
+from beltscape.workers.transport import SharedObject
 
 
 class CameraCheck:
@@ -73,6 +79,8 @@ class CameraCheck:
         """The frame set before the last one."""
         self._instant: OtherInstant | None = None
         """A camera of another instant, until a frame shows that it no longer is."""
+        self._request: SharedObject[CameraRequest] | None = None
+        """The last request."""
 
     def note_frame(self, frame_set: FrameSet) -> None:
         """Note the next frame set of the sequence, whether it will be checked or not."""
@@ -83,10 +91,17 @@ class CameraCheck:
             self._tolerance = compute_tolerance(self._rig, self._depth_mm)
         return self._tolerance
 
-    def make_request(self, auxiliaries: tuple[str, ...]) -> CameraRequest:
+    def make_request(self, auxiliaries: tuple[str, ...]) -> SharedObject[CameraRequest]:
         """Return what a check of a frame needs beside it, if no other check comes before."""
-        accumulator = pickle.dumps(self._get_accumulator())
-        return CameraRequest(auxiliaries, self._get_tolerance(), self._confirmed, accumulator, self._checks)
+        request = None if self._request is None else self._request.value
+        is_same = request is not None and request.holds_for(auxiliaries, self._confirmed)
+        if self._request is None or request is None or not is_same or request.checks != self._checks:
+            accumulator = pickle.dumps(self._get_accumulator())
+            request = CameraRequest(
+                auxiliaries, self._get_tolerance(), self._confirmed, accumulator, self._checks
+            )
+            self._request = SharedObject(request)
+        return self._request
 
     def _get_accumulator(self) -> ResidualAccumulator:
         if self._accumulator is None:
@@ -185,24 +200,9 @@ _LONGEST_S = 10.0
 """Longest time between two checks, for slow sequences."""
 _LEAST_FRAMES = 2
 """Unusual frames are checked at least this number of frames apart: a changing scene costs no check per frame."""
-_COVERAGE_CHANGE = 0.08
-"""Change of the coverage since the last passed check that is unusual; two moved auxiliaries of four change it by 0.04
-on an empty belt and by 0.2 on material."""
-_SIGMA_RATIO = 1.3
-"""Ratio of the median σ to that of the last passed check that is unusual; one moved auxiliary of four gives 1.35."""
 _MOST_REPEATED = 8
 """Number of checks in a row that are made of successive frames while it is not known which camera moved: four frames
 together nearly always show it."""
-_COMPARED_STRIDE = 4
-"""Rows and columns between the pixels that are compared."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Summary:
-    """Coverage and σ of a depth map."""
-
-    coverage: float
-    sigma_mm: float
 
 
 class CheckSchedule:
@@ -213,7 +213,8 @@ class CheckSchedule:
         self._every = every
         self._frames_since = every
         self._time_ns: int | None = None
-        self._passed: _Summary | None = None
+        self.passed: DepthSummary | None = None
+        """Of the last frame whose check passed; None before."""
         self._repeated = 0
 
     def is_due(self, frame_set: FrameSet, depth: DepthMap | None) -> bool:
@@ -240,7 +241,7 @@ class CheckSchedule:
         if 0 < self._repeated <= _MOST_REPEATED:
             self.request()
         if has_passed and depth is not None:
-            self._passed = _summarise_depth(depth)
+            self.passed = summarise_depth(depth)
 
     def request(self) -> None:
         """Make the next frame due."""
@@ -252,21 +253,7 @@ class CheckSchedule:
         return frame_set.time_ns - self._time_ns >= _LONGEST_S * 1e9
 
     def _is_unusual(self, depth: DepthMap | None) -> bool:
-        if depth is None or self._passed is None:
-            return depth is None
-        now, usual = _summarise_depth(depth), self._passed
-        return (
-            abs(now.coverage - usual.coverage) > _COVERAGE_CHANGE
-            or not now.sigma_mm <= _SIGMA_RATIO * usual.sigma_mm
-        )
-
-
-def _summarise_depth(depth: DepthMap) -> _Summary:
-    sigma = depth.sigma_mm[::_COMPARED_STRIDE, ::_COMPARED_STRIDE]
-    measured = np.isfinite(sigma)
-    return _Summary(
-        float(measured.mean()), float(np.median(sigma[measured])) if measured.any() else float("nan")
-    )
+        return depth is None or (self.passed is not None and self.passed.differs(summarise_depth(depth)))
 
 
 _LONGEST_UNCONFIRMED = 10

@@ -1,25 +1,23 @@
-"""Matchers of frame after frame, with a check of the cameras, and with checks of the images before.
+"""The matcher of frame after frame with a check of the cameras.
 
-Inconsistent cameras are excluded, or σ of the depth is raised; images that cannot be measured are not matched.
-Threads or workers may match frames beside the process that checks them.
+Inconsistent cameras are excluded, or σ of the depth is raised. Threads or workers may match frames beside the process
+that checks them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.findings import Finding, summarise_faults
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.health.images.monitor import ImageCheck, ImageMonitor
 from beltscape.pipeline.reconstructing.camera_checks import (
     CameraCheck,
     CameraFindings,
@@ -31,9 +29,7 @@ from beltscape.pipeline.reconstructing.camera_checks import (
     select_consistent,
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
-    CameraRequest,
     CamerasAhead,
-    FrameMeasurements,
     MeasurementRequest,
 )
 from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
@@ -62,110 +58,6 @@ class SequenceMatcher(Protocol):
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame; ReconstructionError if its images do not suffice."""
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingFrame:
-    """A frame whose images are checked and which is being matched ahead."""
-
-    matcher: MonitoredMatcher
-    frame_set: FrameSet
-    check: ImageCheck
-    match: PendingMatch | None
-
-    @property
-    def is_done(self) -> bool:
-        """Return whether `complete` need not wait for the match."""
-        return self.match is None or self.match.depth.done()
-
-    def find_measurements(
-        self, depth: DepthMap | None
-    ) -> tuple[MeasurementRequest, FrameMeasurements] | None:
-        """Return what was measured of the frame with this depth, and the request; None: nothing."""
-        return None if self.match is None else self.match.find_measurements(depth)
-
-    def complete(self, reporter: Reporter) -> DepthMap:
-        """Return the depth; see `MonitoredMatcher.reconstruct`. Frames are completed in their order."""
-        return self.matcher.complete(self, reporter)
-
-
-class MonitoredMatcher:
-    """Checks the images of a frame before it is matched, and the windows' dirt after it."""
-
-    def __init__(self, matcher: SequenceMatcher, monitor: ImageMonitor) -> None:
-        self._matcher, self._monitor = matcher, monitor
-        self._findings: tuple[Finding, ...] = ()
-        self._is_whole = True
-        self._reported: set[tuple[str, str]] = set()
-
-    @property
-    def is_inconsistent(self) -> bool:
-        """Return whether cameras contradict the rig, or one was left out of the last frame."""
-        return self._matcher.is_inconsistent or not self._is_whole
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Return the findings about images and cameras of the last frame, also if it was not matched."""
-        return self._findings
-
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Return the depth of a frame from the cameras that passed the checks.
-
-        Raises
-        ------
-        ReconstructionError
-            When the checks leave nothing to match, or the images do not suffice.
-        """
-        check = self._monitor.check_images(frame_set)
-        return self._measure(frame_set, check, self._matcher.reconstruct, reporter)
-
-    def submit(
-        self, frame_set: FrameSet, pool: MatchPool, request: MeasurementRequest | None = None
-    ) -> PendingFrame:
-        """Check the images of a frame and begin to match it in a pool, and to measure in it what is requested."""
-        assert isinstance(self._matcher, CheckedMatcher)
-        check = self._monitor.check_images(frame_set)
-        if request is not None and check.is_moving:
-            request = replace(request, window_light=check.window_light)
-        match = self._matcher.submit(check.frames, pool, request) if check.frames.images else None
-        return PendingFrame(self, frame_set, check, match)
-
-    def complete(self, pending: PendingFrame, reporter: Reporter) -> DepthMap:
-        """Return the depth of a frame that was submitted; errors as `reconstruct`."""
-        assert isinstance(self._matcher, CheckedMatcher)
-        match = partial(self._matcher.reconstruct, pending=pending.match)
-        return self._measure(pending.frame_set, pending.check, match, reporter, pending)
-
-    def _measure(
-        self,
-        frame_set: FrameSet,
-        check: ImageCheck,
-        match: Callable[[FrameSet, Reporter], DepthMap],
-        reporter: Reporter,
-        pending: PendingFrame | None = None,
-    ) -> DepthMap:
-        self._findings, self._is_whole = check.findings, check.is_whole
-        self._report(frame_set, check.findings, reporter)
-        faults = summarise_faults(one for one in check.findings if one.effect != "none")
-        if faults and not check.frames.images:
-            raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
-        try:
-            # without a fault too few cameras gave an image, which the matcher names
-            depth = match(check.frames if check.frames.images else frame_set, reporter)
-        finally:
-            self._findings = (*check.findings, *self._matcher.findings)
-        found = None if pending is None else pending.find_measurements(depth)
-        dirt = self._monitor.check_depth(check, depth, None if found is None else found[1].light)
-        self._report(frame_set, dirt, reporter)
-        self._findings = (*self._findings, *dirt)
-        return depth
-
-    def _report(self, frame_set: FrameSet, findings: Sequence[Finding], reporter: Reporter) -> None:
-        """Warn of the first fault of every check of every camera."""
-        for one in findings:
-            if one.is_fault and (one.check, one.subject) not in self._reported:
-                self._reported.add((one.check, one.subject))
-                reporter.warn(f"frame {frame_set.frame}: {one.text}")
 
 
 GROSS_PX = 2.0
@@ -253,17 +145,20 @@ class CheckedMatcher:
             names = self._select_auxiliaries(frame_set)
             key = self._select_matcher(names, frame_set)
             if request is not None:
-                request = replace(request, cameras=self._request_check(frame_set, request.ahead))
+                request = self._request_check(frame_set, request)
             depth = pool.submit(frame_set, key, lambda: self._get_matcher(key), request)
             return PendingMatch(names, depth, request)
         except ReconstructionError:  # `measure` raises it when it is this frame's turn
             return None
 
-    def _request_check(self, frame_set: FrameSet, ahead: int) -> CameraRequest | None:
-        """Return the request of a check of the cameras where one will probably be due."""
-        if not self._schedule.expects(frame_set, ahead):
-            return None
-        return self._cameras.make_request(list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries))
+    def _request_check(self, frame_set: FrameSet, request: MeasurementRequest) -> MeasurementRequest:
+        """Return the request with a check of the cameras: where one will probably be due, or the depth is unusual."""
+        is_expected = self._schedule.expects(frame_set, request.ahead)
+        usual = None if is_expected else self._schedule.passed
+        if not is_expected and usual is None:
+            return request
+        usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        return replace(request, cameras=self._cameras.make_request(usable), usual=usual)
 
     def measure(
         self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None

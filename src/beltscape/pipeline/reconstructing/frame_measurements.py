@@ -15,11 +15,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.belt.monitor import BareBeltHeights, measure_bare_belt
+from beltscape.health.image_statistics import ImageSample, sample_images
 from beltscape.health.images.belt_images import BeltImageSampler, BeltImageSamples, SampleRequest
 from beltscape.health.images.obstruction import LightMap, compute_block_rays, sample_light
 from beltscape.health.settings import BeltLimits
@@ -29,6 +29,38 @@ from beltscape.stereo.consistency.check import ResidualAccumulator, check_consis
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
 from beltscape.workers.transport import SharedObject
+
+_COVERAGE_CHANGE = 0.08
+"""Change of the coverage since the last passed check that is unusual; two moved auxiliaries of four change it by 0.04
+on an empty belt and by 0.2 on material."""
+_SIGMA_RATIO = 1.3
+"""Ratio of the median σ to that of the last passed check that is unusual; one moved auxiliary of four gives 1.35."""
+_COMPARED_STRIDE = 4
+"""Rows and columns between the pixels that are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthSummary:
+    """Coverage and σ of a depth map."""
+
+    coverage: float
+    sigma_mm: float
+
+    def differs(self, now: DepthSummary) -> bool:
+        """Return whether another depth map is unusual beside this one, so that the cameras are checked."""
+        return (
+            abs(now.coverage - self.coverage) > _COVERAGE_CHANGE
+            or not now.sigma_mm <= _SIGMA_RATIO * self.sigma_mm
+        )
+
+
+def summarise_depth(depth: DepthMap) -> DepthSummary:
+    """Return the coverage and the median σ of a depth map."""
+    sigma = depth.sigma_mm[::_COMPARED_STRIDE, ::_COMPARED_STRIDE]
+    measured = np.isfinite(sigma)
+    return DepthSummary(
+        float(measured.mean()), float(np.median(sigma[measured])) if measured.any() else float("nan")
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +101,16 @@ class CamerasAhead:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImageRequest:
+    """What the checks of the images need of a frame."""
+
+    left_out: Mapping[str, Image]
+    """The images that are checked, but not matched."""
+    window_cameras: tuple[str, ...] | None
+    """Cameras whose light shows dirt on their windows; None: it is not searched."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeasurementRequest:
     """What to measure in a frame."""
 
@@ -79,10 +121,12 @@ class MeasurementRequest:
     """What to sample of the images; None: nothing."""
     ahead: int
     """Number of frames that were submitted before and are not measured yet."""
-    window_light: Mapping[str, Float32Array] | None = None
-    """Levels that show dirt on the windows; None: it is not searched."""
-    cameras: CameraRequest | None = None
+    images: ImageRequest | None = None
+    """The checks of the images; None: they are not checked."""
+    cameras: SharedObject[CameraRequest] | None = None
     """The check of the cameras; None: they are not checked."""
+    usual: DepthSummary | None = None
+    """The cameras are checked where the depth differs from this one; None: in any case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +136,7 @@ class FrameMeasurements:
     prepared: PreparedDepth
     bare_belt: BareBeltHeights | None
     samples: BeltImageSamples | None
+    images: Mapping[str, ImageSample] | None
     light: Mapping[str, LightMap] | None
     cameras: MeasuredCameras | None
 
@@ -107,19 +152,24 @@ class FrameMeasurer:
     def measure(self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest) -> FrameMeasurements:
         """Return what is requested of a frame with its depth."""
         reference, limits = request.reference.value, request.limits
+        images = None
+        if request.images is not None:
+            images = sample_images({**frame_set.images, **request.images.left_out})
         return FrameMeasurements(
             prepare_depth(depth, reference),
             measure_bare_belt(depth, reference, limits) if limits.enabled else None,
             self._sample_images(frame_set, depth, request),
-            self._sample_light(depth, request.window_light),
-            self._check_cameras(frame_set, depth, request.cameras),
+            images,
+            self._sample_light(depth, request.images, images),
+            self._check_cameras(frame_set, depth, request),
         )
 
     def _check_cameras(
-        self, frame_set: FrameSet, depth: DepthMap, request: CameraRequest | None
+        self, frame_set: FrameSet, depth: DepthMap, asked: MeasurementRequest
     ) -> MeasuredCameras | None:
-        if request is None:
+        if asked.cameras is None or (asked.usual and not asked.usual.differs(summarise_depth(depth))):
             return None
+        request = asked.cameras.value
         consistency = check_consistency(
             frame_set, self._rig, depth, request.auxiliaries, request.tolerance, request.confirmed
         )
@@ -138,10 +188,11 @@ class FrameMeasurer:
         return self._sampler.sample(frame_set, depth, request.samples)
 
     def _sample_light(
-        self, depth: DepthMap, levels: Mapping[str, Float32Array] | None
+        self, depth: DepthMap, request: ImageRequest | None, images: Mapping[str, ImageSample] | None
     ) -> dict[str, LightMap] | None:
-        if levels is None:
+        if request is None or request.window_cameras is None or images is None:
             return None
+        levels = {name: images[name].statistics.level for name in request.window_cameras if name in images}
         self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
         return sample_light(levels, self._rig, self._rays, depth)
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
+from beltscape.health.image_statistics import ImageSample
 from beltscape.pipeline.reconstructing.frame_measurements import (
     CamerasAhead,
     FrameMeasurements,
@@ -68,11 +70,24 @@ class PendingMatch:
     """What was requested beside the depth."""
     measured: MeasuredDepth | None = None
     """What `wait` returned."""
+    _has_ended: bool = False
 
     def wait(self) -> MeasuredDepth | None:
         """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
-        self.measured = self.depth.result()
+        if not self._has_ended:
+            self.measured = self.depth.result()
+            self._has_ended = True
         return self.measured
+
+    def find_images(self) -> Mapping[str, ImageSample] | None:
+        """Wait for the match and return what the checks take from the images; None: it is not known."""
+        try:
+            measured = self.wait()
+        except ReconstructionError:
+            return None
+        if measured is None or measured.measurements is None:
+            return None
+        return measured.measurements.images
 
     def find_measurements(
         self, depth: DepthMap | None
@@ -91,4 +106,4 @@ class PendingMatch:
         request, measurements = self.find_measurements(depth) or (None, None)
         if request is None or measurements is None or request.cameras is None or measurements.cameras is None:
             return None
-        return CamerasAhead(request.cameras, measurements.cameras)
+        return CamerasAhead(request.cameras.value, measurements.cameras)

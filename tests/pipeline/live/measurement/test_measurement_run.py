@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Silent
+from beltscape.measure.flow.blocks import BeltPiece
 from beltscape.measure.flow.meter import BeltFlowMeter
-from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun

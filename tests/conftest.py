@@ -39,9 +39,13 @@ SLOW_FOLDERS = {
 BROWSER_FIXTURES = {"browser", "page", "chromium"}
 
 
+LONG_FOLDERS = {"docs", "commissioning"}
+"""Folders of tests that take up to half a minute; they are begun first, so that none is waited for alone."""
+
+
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than there are cores, because tests of cameras, servers and pages often wait."""
-    return (os.cpu_count() or 1) + 1
+    """Return two workers more than there are cores, because tests of cameras, servers and pages often wait."""
+    return (os.cpu_count() or 1) + 2
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -53,15 +57,21 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def _is_slow(path: Path) -> bool:
     """Return whether a file or folder lies in a folder of slow tests, or is one."""
-    return path.relative_to(Path(__file__).parent).parts[:1] in {(folder,) for folder in SLOW_FOLDERS}
+    return _is_in(path, SLOW_FOLDERS)
+
+
+def _is_in(path: Path, folders: set[str]) -> bool:
+    """Return whether a file or folder lies in one of these folders of tests, or is one."""
+    return not folders.isdisjoint(path.relative_to(Path(__file__).parent).parts[:1])
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests by their folder and by the fixtures that they use; leave out what only `make thorough` runs."""
+    """Leave out what only `make thorough` runs, put long tests first, mark tests by their folder and fixtures."""
     left_out = [item for item in items if item.get_closest_marker("thorough") and not THOROUGH]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("thorough")]
+    items.sort(key=lambda item: not _is_in(item.path, LONG_FOLDERS))
     for item in items:
         if _is_slow(item.path):
             item.add_marker("slow")

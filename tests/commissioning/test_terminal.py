@@ -59,6 +59,7 @@ def plant(tmp_path, tmp_path_factory, monkeypatch) -> Path:
 def test_views_are_taken_and_scored_until_it_is_enough(plant, capsys, monkeypatch):
     # the simulated board is too coarse in half the pixels: its views are never enough
     monkeypatch.setattr(trial, "open_board", lambda _: None)
+    monkeypatch.setattr(guided, "SCORE_EVERY", 100)  # two scores: the first, and that of all views
     capsys.readouterr()
     assert main(["commission", str(plant), "--step", "calibrate", "--json"]) == 0
     out, err = capsys.readouterr()

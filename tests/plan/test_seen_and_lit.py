@@ -75,8 +75,8 @@ def test_blur_and_frame_rate_match_manual_calculation():
     move = compute_motion(PlanSettings(), 0.4, 500.0)
     assert (move.exposure_us, move.blur_px) == pytest.approx((100.0, 0.5))
     assert move.data_mb_s == pytest.approx(5 * 2448 * 2048 * 12 / 1e6)
-    assert move.cores == pytest.approx(12.0)  # a second of a core for a set of 612 × 512 px
-    assert count_cores(12.0, 5, (306, 256)) == pytest.approx(3.0)
+    assert move.cores == pytest.approx(6.0)  # half a second of a core for a set of 612 × 512 px
+    assert count_cores(12.0, 5, (306, 256)) == pytest.approx(1.5)
     assert frames_per_second(move.max_speed_m_s, 500.0, 3) == pytest.approx(79.1)
 
 

@@ -151,9 +151,9 @@ class Motion:
 
 CORE_WIDTH_PX = 612
 """Width of the images for which the cores are stated; narrower cameras' images stay as they are."""
-_SET_S = 1.0
-"""Seconds of a core for a frame set of five cameras, 612 × 512 px, fast, everything included: AVX2, 2.5 GHz
-(benchmarks/realtime.py). `beltscape doctor` measures the matching of the machine at hand."""
+_SET_S = 0.5
+"""Seconds of a core for a frame set of five cameras, 612 × 512 px, fast, everything included: 0.39 with AVX-512
+(benchmarks/realtime.py), a quarter more for other cores. `beltscape doctor` measures the machine at hand."""
 _SET_PIXELS = 5 * 612 * 512
 """Pixels of that frame set: the time grows with them."""
 

@@ -28,7 +28,7 @@ FLOW = """(() => {
 def test_page_loads_offline_without_errors_and_updates(site):
     page = site.page(webgl=True)
     wait_until_live(page)
-    wait_for(page, FLOW)  # at one moment: a busy machine may send so late that the page shows no flow for a while
+    wait_for(page, FLOW)  # all of it at one moment: on a busy machine there may be no flow for a while
     wait_for_change(page, "#total-belt", read_text(page, "#total-belt"))
     assert page.locator("#cameras img:not([hidden])").count() == 0  # nobody can see them yet
     page.locator("section.cameras").scroll_into_view_if_needed()

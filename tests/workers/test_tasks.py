@@ -18,9 +18,9 @@ HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
 CLUSTER = WorkerOptions(workers=2, address="auto")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def cluster() -> Iterator[None]:
-    """A local cluster that all tests of the file share."""
+    """A local cluster; starting it takes seconds, so that one test does all that needs it."""
     yield from start_cluster()
 
 
@@ -38,8 +38,24 @@ def test_a_cluster_that_does_not_answer_is_named() -> None:
         list(run_tasks(multiply, 2, [1], WorkerOptions(address="127.0.0.1:1")))
 
 
-@pytest.mark.parametrize("options", [TWO, CLUSTER], ids=str)
-def test_two_workers_give_the_same_values(cluster: None, options) -> None:
+def test_two_processes_give_the_same_values() -> None:
+    compare_values(TWO)
+
+
+def test_a_cluster_gives_the_same_values_repeats_lost_tasks_and_cancels(cluster: None, tmp_path) -> None:
+    compare_values(CLUSTER)
+    count = 4 if THOROUGH else 1  # a worker dies at each task's first try
+    ends = list(run_tasks(die_at_first, str(tmp_path), [*range(count)], CLUSTER))
+    assert sorted(end.value for end in ends if end.value is not None) == [*range(count)]
+    slow = run_tasks(sleep, 0.1, [*range(50)], CLUSTER)
+    assert next(slow).value is not None
+    slow.close()  # what is not wanted any more is cancelled
+    assert len(list(run_tasks(multiply, 3, [1, 2], CLUSTER))) == 2
+    (cores,) = collect_values(count_cores, None, [None], CLUSTER, lambda _: None)
+    assert cores == (1, 1, "1"), "a worker has one core"
+
+
+def compare_values(options: WorkerOptions) -> None:
     ends = sorted(run_tasks(multiply, 2, [*range(20)], options), key=lambda end: end.number)
     assert [end.value for end in ends] == [end.value for end in run_tasks(multiply, 2, [*range(20)], HERE)]
     assert [end.failure for end in ends if end.value is None] == [
@@ -55,19 +71,6 @@ def test_two_tasks_run_at_a_time(cluster: None, options) -> None:
     assert len({end.worker for end in ends}) == 2
     begins = sorted((end.begin_s, end.begin_s + end.seconds) for end in ends)
     assert any(second[0] < first[1] for first, second in itertools.pairwise(begins))
-
-
-def test_a_task_whose_worker_dies_is_run_again(cluster: None, tmp_path) -> None:
-    count = 4 if THOROUGH else 1
-    ends = list(run_tasks(die_at_first, str(tmp_path), [*range(count)], CLUSTER))
-    assert sorted(end.value for end in ends if end.value is not None) == [*range(count)]
-
-
-def test_what_is_not_wanted_any_more_is_cancelled(cluster: None) -> None:
-    ends = run_tasks(sleep, 0.1, [*range(50)], CLUSTER)
-    assert next(ends).value is not None
-    ends.close()
-    assert len(list(run_tasks(multiply, 3, [1, 2], CLUSTER))) == 2
 
 
 @pytest.mark.parametrize("workers", list_cases([0, -1, 100_000], [0, 100_000]))
@@ -93,8 +96,3 @@ def test_values_that_are_all_needed_come_in_order_or_as_the_error_of_one(options
         collect_values(multiply, 2, [3, 13, 1], options, counts.append)
     with pytest.raises(ZeroDivisionError):
         collect_values(multiply, 2, [14], options, counts.append)
-
-
-def test_a_worker_has_one_core(cluster: None) -> None:
-    (cores,) = collect_values(count_cores, None, [None], CLUSTER, lambda _: None)
-    assert cores == (1, 1, "1")

@@ -52,12 +52,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """Leave folders of slow tests alone where none of them is to run, instead of importing and deselecting them."""
     if "not slow" not in str(config.getoption("markexpr")).split(" and "):
         return None
-    return _is_slow(collection_path) or None
-
-
-def _is_slow(path: Path) -> bool:
-    """Return whether a file or folder lies in a folder of slow tests, or is one."""
-    return _is_in(path, SLOW_FOLDERS)
+    return _is_in(collection_path, SLOW_FOLDERS) or None
 
 
 def _is_in(path: Path, folders: set[str]) -> bool:
@@ -73,7 +68,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if not item.get_closest_marker("thorough")]
     items.sort(key=lambda item: not _is_in(item.path, LONG_FOLDERS))
     for item in items:
-        if _is_slow(item.path):
+        if _is_in(item.path, SLOW_FOLDERS):
             item.add_marker("slow")
         if BROWSER_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker("browser")

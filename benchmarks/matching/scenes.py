@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from beltscape.core.empty_belt import Belt
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.evaluate.truth import find_true_belt
+from beltscape.files.atomic import make_folder_once
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.measure.volume.settings import VolumeSettings
@@ -85,12 +85,7 @@ def measure_load(depth: DepthMap, one: AblationScene) -> Volume | None:
 
 def render_once(scenario: Scenario, folder: Path) -> None:
     """Render a scenario into a folder where it is not there yet; the folder is there only when it is complete."""
-    if folder.is_dir():
-        return
-    part = folder.with_name(f"{folder.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    simulate(scenario, part, Silent())
-    part.rename(folder)
+    make_folder_once(folder, lambda part: simulate(scenario, part, Silent()))
 
 
 def read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.files.atomic import atomic_replacement, ensure_output_folder, write_bytes, write_text
+from beltscape.files.atomic import (
+    atomic_replacement,
+    ensure_output_folder,
+    make_folder_once,
+    write_bytes,
+    write_text,
+)
 from beltscape.files.json_text import read_json, write_json
 
 
@@ -74,3 +80,21 @@ def test_an_output_folder_is_made_and_left_empty(tmp_path):
     assert ensure_output_folder(tmp_path / "a" / "b") == tmp_path / "a" / "b"
     assert list((tmp_path / "a" / "b").iterdir()) == []
     ensure_output_folder(tmp_path / "a" / "b")
+
+
+def test_a_folder_is_made_as_a_whole_or_not_at_all_and_once(tmp_path):
+    made: list[int] = []
+
+    def make(folder, *, fails):
+        write_text(folder / "a.txt", "a")
+        if fails:
+            raise KeyboardInterrupt
+        made.append(len(list(folder.iterdir())))
+
+    with pytest.raises(KeyboardInterrupt):
+        make_folder_once(tmp_path / "plant", lambda folder: make(folder, fails=True))
+    assert not (tmp_path / "plant").exists()
+    for _ in range(2):
+        make_folder_once(tmp_path / "plant", lambda folder: make(folder, fails=False))
+    assert made == [1]
+    assert [path.name for path in tmp_path.iterdir()] == ["plant"]

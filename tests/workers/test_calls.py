@@ -1,4 +1,4 @@
-"""Calls that others may make meanwhile: the same values and errors, whoever makes them."""
+"""Calls that others may make meanwhile: the same values and errors in any process."""
 
 from __future__ import annotations
 

@@ -7,7 +7,6 @@ own in every image. It shows how a commissioning goes, not how good a plant is.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from beltscape.commissioning.steps import EMPTY, MOVING, SKEW, VIEWS, name_flow
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.atomic import write_bytes, write_text
+from beltscape.files.atomic import make_folder_once, write_bytes, write_text
 from beltscape.files.capture import DEMO_FOLDER, read_capture
 from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import read_json
@@ -58,7 +57,7 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
     """Copy the shipped captures into the folder, and return the settings of the trial plant."""
     folder = state.folder / CAPTURES
     for name, scene in _SCENES.items():
-        _make_folder(folder / name, lambda to, scene=scene: _copy(DEMO_FOLDER / scene, to))
+        make_folder_once(folder / name, lambda to, scene=scene: _copy(DEMO_FOLDER / scene, to))
     write_text(folder / MOVING / "encoder.csv", _ENCODER)
     for name in ("board.toml", "truth/volume.json", f"truth/{RIG_FILE}"):
         write_bytes(folder / Path(name).name, (DEMO_FOLDER / name).read_bytes())
@@ -96,7 +95,7 @@ def make_moving_board(state: CommissionState, instants: int) -> None:
                 write_image(to / name / f"{number:03d}.png", image)
             append_time(to, f"{number:03d}", round(time_s * 1e9))
 
-    _make_folder(folder / SKEW, render)
+    make_folder_once(folder / SKEW, render)
 
 
 def swing_board(rig: Rig, board: SquareBoard, time_s: float) -> Pose:
@@ -133,7 +132,7 @@ def _make_run(folder: Path, load: str, number: int) -> dict[str, Any]:
         if number:
             _add_noise(to, number)
 
-    _make_folder(folder / name, make)
+    make_folder_once(folder / name, make)
     write_text(folder / name / "encoder.csv", _ENCODER)
     whole_m3 = round(float(_read_cross_sections(folder, load)[1][-1]) * 1e-9, 6)  # to a millilitre
     return {"capture": f"{CAPTURES}/{name}", "load": load, "volume_m3": whole_m3}
@@ -146,16 +145,6 @@ def _add_noise(capture: Path, seed: int) -> None:
         image = read_image(path)
         noisy = image + rng.normal(0.0, _NOISE_LEVELS, image.shape)
         write_image(path, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-
-
-def _make_folder(folder: Path, make: Callable[[Path], None]) -> None:
-    """Make a folder that is there as a whole or not at all, also where the program is killed meanwhile."""
-    if folder.is_dir():
-        return
-    part = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    make(part)
-    part.rename(folder)
 
 
 def _copy(scene: Path, to: Path) -> None:

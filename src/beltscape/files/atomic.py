@@ -38,6 +38,16 @@ def atomic_replacement(path: Path) -> Generator[Path]:
         temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
 
 
+def make_folder_once(folder: Path, make: Callable[[Path], object]) -> None:
+    """Make a folder where it is not there yet: as a whole or not at all, even if the program is killed."""
+    if folder.is_dir():
+        return
+    part = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    make(part)
+    part.rename(folder)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text, atomically; bytes of file names that are no UTF-8 become escapes, as JSON knows them."""
     with atomic_replacement(path) as temporary:

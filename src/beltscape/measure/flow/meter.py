@@ -196,9 +196,8 @@ class BeltFlowMeter:
             list(findings),
             None if prepared is None else prepared.load,
         )
-        out = (
-            self.collect()
-        )  # before the findings are attributed: whoever fills the holes, the records are the same
+        # before the findings are attributed, so that the records do not depend on which process fills the holes
+        out = self.collect()
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
         self.findings = ()

@@ -85,8 +85,9 @@ def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str
         ("not for", purpose.unsuitable),
     ]
     if origin := manifest["networks"][name].get("origin"):
-        first, last = origin["scenarios"]["training"]
-        rows.append(("trained anew", f"on scenarios {first} to {last}, at commit {origin['commit'][:9]}"))
+        first, last = origin[purpose.fitted_to]["training"]
+        kind = purpose.fitted_to.replace("_", " ")
+        rows.append(("trained anew", f"on {kind} {first} to {last}, at commit {origin['commit'][:9]}"))
     metrics = manifest["networks"][name]["metrics"]
     rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
     return f"## {name}\n\n| | |\n|---|---|\n" + "".join(f"| {what} | {text} |\n" for what, text in rows)

@@ -45,6 +45,19 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_once(tmp_path_factory, "training", make) / "capture"
 
 
+@pytest.fixture(scope="module")
+def heap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulate a moving heap and its empty belt, as `training.belts` does; all workers of a run share it."""
+
+    def make(folder: Path) -> None:
+        motion = {"start_mm": -120.0, "speed_mm_s": 600.0}
+        simulate(tiny("belt_empty", frames=1), folder / "empty", Silent())
+        scene = tiny("belt_moving", frames=3, heap={"rocks": 12}, motion=motion)
+        simulate(scene, folder / "moving", Silent())
+
+    return make_once(tmp_path_factory, "moving-heap", make)
+
+
 @pytest.fixture
 def load(monkeypatch: pytest.MonkeyPatch):
     """Return a function that imports a module of the training."""
@@ -66,6 +79,22 @@ def test_scenarios_are_the_same_on_every_draw_and_hold_every_kind(load) -> None:
     assert len({one.rig.seed for one in drawn}) == len(drawn)
     held_out = scenarios.draw_scenario(scenarios.HELD_OUT)
     assert held_out.rig.seed not in {one.rig.seed for one in drawn}
+
+
+def test_moving_heaps_are_the_same_on_every_draw_and_lie_in_many_ways(load) -> None:
+    belts = load("belts")
+    moving, again = (
+        [belts.draw_heap_in_motion(number, "belt_moving") for number in range(20)] for _ in range(2)
+    )
+    assert moving == again
+    assert len({(one.heap.bedding, one.heap.candidates) for one in moving}) > 5
+    assert {one.heap.rocks > 1000 for one in moving} == {True, False}
+    empty = belts.draw_heap_in_motion(3, "belt_empty")
+    assert (empty.rig, empty.belt) == (moving[3].rig, moving[3].belt)
+    assert empty.seed != moving[3].seed
+    assert belts.draw_heap_in_motion(belts.HELD_OUT, "belt_moving").heap.seed not in {
+        one.heap.seed for one in moving
+    }
 
 
 @pytest.mark.thorough
@@ -116,6 +145,18 @@ def test_samples_of_holes_have_the_features_of_the_network(load, capture) -> Non
     assert samples.names == load_network("holes").features
     assert np.isfinite(samples.x).all()
     assert len(samples.x) == len(samples.y) > 0
+
+
+def test_samples_of_belt_holes_are_the_cells_that_no_frame_measured(load, heap, tmp_path) -> None:
+    copy = shutil.copytree(heap, tmp_path / "heap")
+    belts = load("samples.belts")
+    samples = belts.draw_belt_samples(copy, "fast")
+    assert samples.names == load_network("belt_holes").features
+    assert np.isfinite(samples.x).all()
+    assert len(samples.x) == len(samples.y) == len(samples.scale_mm) > 0
+    assert (samples.scale_mm > 0).all()
+    base = np.abs(samples.y * samples.scale_mm)
+    assert np.median(base) < 20
 
 
 def test_holes_of_simulated_bodies_are_what_the_camera_does_not_see(load) -> None:
@@ -174,7 +215,9 @@ def test_averaged_and_joined_networks_have_the_outputs_of_their_members(load) ->
     np.testing.assert_allclose(joined.evaluate_values(features), separate, rtol=1e-4, atol=1e-4)
 
 
-def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_path, monkeypatch) -> None:
+def test_every_recipe_gives_a_network_like_the_shipped_one(
+    load, capture, heap, tmp_path, monkeypatch
+) -> None:
     pytest.importorskip("torch", reason=WITHOUT_TORCH)
     main = load("__main__")
     load("perceptron").set_deterministic()
@@ -182,14 +225,16 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         limit_frames(monkeypatch, load(name))
     monkeypatch.setattr(load("samples.refinement"), "ENOUGH", 2000)
     monkeypatch.setattr(load("refinement"), "EPOCHS", 1)
-    monkeypatch.setattr(load("holes"), "SURFACES", 1)
+    for name in ("SURFACES", "BELT_SURFACES"):
+        monkeypatch.setattr(load("holes"), name, 1)
     monkeypatch.setattr(load("lumps"), "CELLS", {60_000: 3000})
     schedules = load("confidence").SCHEDULES
     for name, schedule in schedules.items():
         monkeypatch.setitem(schedules, name, dataclasses.replace(schedule, epochs=3, batch=256))
     holes = load("holes")
     monkeypatch.setattr(holes, "SCHEDULE", dataclasses.replace(holes.SCHEDULE, epochs=3, batch=256))
-    training = main.Training(tmp_path, [capture], Silent())
+    copy = shutil.copytree(heap, tmp_path / "heap")
+    training = main.Training(tmp_path, [capture], [copy], Silent())
     trained = {name: network for _, train in main.list_recipes(training) for name, network in train().items()}
     assert trained.keys() == PURPOSES.keys()
     for name, network in trained.items():

@@ -1,6 +1,6 @@
 """Train every network from nothing but the simulator's seeds; what is there already is not done again.
 
-    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK … [--ship]] [--workers N]
+    cd tools && python -m training [--work FOLDER] [--captures N] [--heaps N] [--only NETWORK … [--ship]] [--workers N]
                                    [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
@@ -19,6 +19,7 @@ import argparse
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,11 @@ from beltscape.learned.network import Network, write_network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.workers.options import HERE, WorkerOptions
 from training.assessment import assess_networks, assess_reconstruction
+from training.belts import locate_heap, render_heap
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.drawing import Drawing
-from training.holes import train_holes
+from training.holes import train_belt_holes, train_holes
 from training.instructions import restart_pinned
 from training.lumps import train_lumps
 from training.manifest import Assessment, replace_networks, write_manifest
@@ -47,6 +49,8 @@ CAPTURES = 72
 """Number of scenarios that the shipped networks are trained on ..."""
 ASSESSED = 8
 """... and of those that they are assessed on: one of each kind in turn."""
+HEAPS, HEAPS_ASSESSED = 30, 3
+"""Numbers of moving heaps likewise."""
 
 
 THREADS = 2
@@ -59,6 +63,8 @@ class Training:
 
     work: Path
     captures: list[Path]
+    heaps: list[Path]
+    """Captures of moving heaps."""
     reporter: Reporter
     workers: WorkerOptions = HERE
 
@@ -132,16 +138,35 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
         (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
         (refined, lambda: train_refinement(captures, samples)),
         (("holes",), lambda: {"holes": train_holes(captures, samples)}),
+        (("belt_holes",), lambda: {"belt_holes": train_belt_holes(training.heaps, samples)}),
         (("lumps",), lambda: {"lumps": train_lumps(captures, samples)}),
     ]
 
 
-def render_all(work: Path, numbers: range, reporter: Reporter, workers: WorkerOptions = HERE) -> list[Path]:
-    """Return the captures of scenarios, rendered where they are missing."""
-    cache = work / "captures"
+@dataclass(frozen=True)
+class Subject:
+    """A kind of capture that networks are fitted to."""
+
+    folder: str
+    """Name of its folder in the work folder."""
+    render: Callable[[int, Path], Path]
+    locate: Callable[[int, Path], Path]
+
+
+FRAMES = Subject("captures", render_scenario, locate_capture)
+MOVING_HEAPS = Subject("heaps", render_heap, locate_heap)
+
+
+def render_all(
+    subject: Subject, work: Path, numbers: range, reporter: Reporter, workers: WorkerOptions = HERE
+) -> list[Path]:
+    """Return the captures of a subject, rendered where they are missing."""
+    cache = work / subject.folder
     tasks = [(number, cache) for number in numbers]
-    Drawing(workers).run(render_scenario, tasks, lambda done: reporter.step("captures", done, len(numbers)))
-    return [locate_capture(number, cache) for number in numbers]
+    Drawing(workers).run(
+        subject.render, tasks, lambda done: reporter.step(subject.folder, done, len(numbers))
+    )
+    return [subject.locate(number, cache) for number in numbers]
 
 
 def main() -> None:
@@ -151,6 +176,7 @@ def main() -> None:
     )
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "train")
     parser.add_argument("--captures", type=int, default=CAPTURES)
+    parser.add_argument("--heaps", type=int, default=HEAPS)
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--ship", action="store_true")
     parser.add_argument("--workers", type=int)
@@ -159,8 +185,9 @@ def main() -> None:
     set_deterministic(threads=THREADS)
     reporter, workers = PrintedProgress(), WorkerOptions(arguments.workers)
     work = arguments.work.absolute()
-    captures = render_all(work, range(arguments.captures), reporter, workers)
-    training = Training(work, captures, reporter, workers)
+    captures = render_all(FRAMES, work, range(arguments.captures), reporter, workers)
+    heaps = render_all(MOVING_HEAPS, work, range(arguments.heaps), reporter, workers)
+    training = Training(work, captures, heaps, reporter, workers)
     for names, train in list_recipes(training):
         if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
             training.use(shipped=bool(arguments.only))
@@ -176,11 +203,19 @@ def main() -> None:
 
 def assess(training: Training, names: list[str]) -> Assessment:
     """Return the assessment of these networks, or of all where none is named, on scenarios that are held out."""
-    numbers = range(HELD_OUT, HELD_OUT + ASSESSED)
-    held_out = render_all(training.work, numbers, training.reporter, training.workers)
+    render = partial(render_all, work=training.work, reporter=training.reporter, workers=training.workers)
+    captures = render(FRAMES, numbers=range(HELD_OUT, HELD_OUT + ASSESSED))
+    heaps = render(MOVING_HEAPS, numbers=range(HELD_OUT, HELD_OUT + HEAPS_ASSESSED))
     cache = SampleCache(training.work / "held_out", training.reporter, training.drawing)
-    scores = {preset: assess_reconstruction(held_out, preset) for preset in ("standard", "fast")}
-    return Assessment(len(training.captures), ASSESSED, assess_networks(held_out, cache, names), scores)
+    scores = {preset: assess_reconstruction(captures, preset) for preset in ("standard", "fast")}
+    return Assessment(
+        len(training.captures),
+        ASSESSED,
+        assess_networks(captures, heaps, cache, names),
+        scores,
+        len(training.heaps),
+        HEAPS_ASSESSED,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Recipe of the network that fills holes."""
+"""Recipes of the networks that fill holes: of a frame, and of the fused belt."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from beltscape.core.errors import ReconstructionError
 from beltscape.learned.network import LOG_VARIANCE, Network
+from training.belts import MATERIALS
 from training.cache import SampleCache
 from training.losses import make_mean_and_variance
 from training.perceptron import Schedule, average_networks, compute_limits, fit_perceptron
 from training.reconstructions import reconstruct_capture
+from training.samples.belts import draw_belt_samples
 from training.samples.holes import Samples, collect_samples, draw_hole_samples
 from training.samples.surfaces import simulate_bodies_seen, simulate_smooth_surface
 
@@ -22,8 +25,12 @@ VARIANCE_WEIGHT = 0.1
 """Weight of the likelihood of the variance, relative to the squared error of the mean."""
 MEMBERS = 3
 """Size of the ensemble: networks from different initial weights, whose outputs are averaged."""
+PRESETS = "fast", "standard"
+"""Presets that match moving heaps, in turn."""
 SURFACES = 160
-"""Number of simulated smooth surfaces, and of those with bodies, which keep the prediction in such holes unbiased."""
+"""Number of simulated smooth surfaces, and of those with bodies, which keep the prediction in such holes unbiased ..."""
+BELT_SURFACES = 24
+"""... and for the fused belt, which is fitted to fewer samples."""
 
 
 def collect_holes(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
@@ -32,10 +39,24 @@ def collect_holes(captures: list[Path], cache: SampleCache) -> dict[str, np.ndar
 
 
 def train_holes(captures: list[Path], cache: SampleCache) -> Network:
-    """Train the mean by least squares, and the log variance by the residuals' likelihood."""
-    samples = collect_holes(captures, cache)
+    """Train the network of a frame's holes."""
+    return _fit(collect_holes(captures, cache), *_draw_simulated(SURFACES))
+
+
+def collect_belt_holes(heaps: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of cells that no frame of a moving heap measured."""
+    return cache.collect("belt_holes", heaps, _draw_heap)
+
+
+def train_belt_holes(heaps: list[Path], cache: SampleCache) -> Network:
+    """Train the network of the fused belt's holes."""
+    return _fit(collect_belt_holes(heaps, cache), *_draw_simulated(BELT_SURFACES))
+
+
+def _fit(samples: dict[str, np.ndarray], *simulated: dict[str, np.ndarray]) -> Network:
+    """Fit the mean by least squares, and the log variance by the residuals' likelihood."""
     names = tuple(map(str, samples.pop("names")))
-    parts = [samples, *_draw_simulated()]
+    parts = [samples, *simulated]
     x, y, weight = (np.concatenate([part[key] for part in parts if part]) for key in ("x", "y", "weight"))
     y = np.clip(y, -MAX_TARGET, MAX_TARGET)
     loss = make_mean_and_variance(y, weight / weight.mean(), VARIANCE_WEIGHT, LOG_VARIANCE)
@@ -47,9 +68,9 @@ def train_holes(captures: list[Path], cache: SampleCache) -> Network:
     return average_networks(members)
 
 
-def _draw_simulated() -> Iterator[dict[str, np.ndarray]]:
+def _draw_simulated(surfaces: int) -> Iterator[dict[str, np.ndarray]]:
     """Yield the samples of simulated surfaces."""
-    for seed in range(SURFACES):
+    for seed in range(surfaces):
         for simulate in (simulate_smooth_surface, simulate_bodies_seen):
             load, truth = simulate(np.random.default_rng(seed))
             yield _as_arrays(collect_samples(load, truth, 1.0))
@@ -62,6 +83,19 @@ def _draw(capture: Path) -> dict[str, np.ndarray]:
     if depth is None:
         return {}
     samples = draw_hole_samples(capture, depth)
+    arrays = _as_arrays(samples)
+    return {"names": np.array(samples.names), **arrays} if arrays else {}
+
+
+def _draw_heap(heap: Path, turn: int) -> dict[str, np.ndarray]:
+    """Return the samples of a heap, none where nothing of it is measured.
+
+    Every second one of each material is matched by the other preset.
+    """
+    try:
+        samples = draw_belt_samples(heap, PRESETS[(turn + turn // len(MATERIALS)) % len(PRESETS)])
+    except ReconstructionError:  # too dark a plant
+        return {}
     arrays = _as_arrays(samples)
     return {"names": np.array(samples.names), **arrays} if arrays else {}
 

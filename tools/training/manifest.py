@@ -31,6 +31,10 @@ class Assessment:
     """Metrics by network."""
     reconstruction: dict[str, dict[str, float]]
     """Scores of the reconstruction with all of them, by preset."""
+    heaps: int = 0
+    """Number of moving heaps trained on, from 0 on."""
+    heaps_held_out: int = 0
+    """Number of held-out moving heaps, from `HELD_OUT` on."""
 
 
 def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
@@ -63,6 +67,10 @@ def describe_origin(assessment: Assessment) -> dict[str, Any]:
         "scenarios": {
             "training": [0, assessment.trained - 1],
             "held_out": [HELD_OUT, HELD_OUT + assessment.held_out - 1],
+        },
+        "moving_heaps": {
+            "training": [0, assessment.heaps - 1],
+            "held_out": [HELD_OUT, HELD_OUT + assessment.heaps_held_out - 1],
         },
     }
 

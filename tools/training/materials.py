@@ -13,7 +13,7 @@ Heap = dict[str, Any]
 def draw_heap(number: int, rng: np.random.Generator, *, held_out: bool) -> Heap:
     """Return the heap of a scenario, of a material drawn at random; rods lie in scenarios that are held out only."""
     material = str(rng.choice(_HELD_OUT if held_out else _TRAINED))
-    return {"seed": 300 + number, **_MATERIALS[material](rng)}
+    return {"seed": 300 + number, **MIXTURES[material](rng)}
 
 
 def _draw_stones(rng: np.random.Generator) -> Heap:
@@ -28,6 +28,18 @@ def _draw_stones(rng: np.random.Generator) -> Heap:
         "exponent": float(rng.uniform(1.0, 3.0)),
     }
     heap["shapes"] = {"roughness": float(rng.uniform(0.01, 0.09)), "flattest": float(rng.uniform(0.4, 0.8))}
+    return heap
+
+
+def _draw_layers(rng: np.random.Generator) -> Heap:
+    """Return several layers of stones, most of them small."""
+    smallest = float(rng.uniform(6, 12))
+    heap = _draw_stones(rng) | {"rocks": int(rng.choice([800, 1500, 2500]))}
+    heap["sizes"] |= {
+        "smallest_mm": smallest,
+        "largest_mm": smallest + float(rng.uniform(25, 70)),
+        "median_mm": smallest + float(rng.uniform(4, 14)),
+    }
     return heap
 
 
@@ -120,8 +132,9 @@ def _draw_gloss(rng: np.random.Generator) -> float:
     return float(rng.choice([0.0, rng.uniform(0.1, 0.8)]))
 
 
-_MATERIALS: dict[str, Callable[[np.random.Generator], Heap]] = {
+MIXTURES: dict[str, Callable[[np.random.Generator], Heap]] = {
     "stones": _draw_stones,
+    "layers": _draw_layers,
     "fines": _draw_fines,
     "wet coal": _draw_wet_coal,
     "blocks": _draw_blocks,

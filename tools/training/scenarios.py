@@ -57,7 +57,7 @@ def draw_scenario(number: int) -> Scenario:
     """Return a scenario by its number."""
     rng = np.random.default_rng([number, _FAMILY])
     height = float(rng.uniform(620, 980))
-    belt = _draw_belt(rng)
+    belt = draw_belt(rng)
     values: dict[str, Any] = {
         "kind": _KINDS[number % len(_KINDS)],
         "seed": 1000 + number,
@@ -65,11 +65,11 @@ def draw_scenario(number: int) -> Scenario:
         "ambient": float(np.exp(rng.uniform(np.log(0.15), np.log(1.5)))),
         "gain_spread": float(rng.uniform(0, 0.1)),
         "rig": _draw_rig(number, height, belt["width_mm"], rng),
-        "projector": _draw_projector(number, height, belt["width_mm"], rng),
+        "projector": draw_projector(number, height, belt["width_mm"], rng),
         "belt": belt,
         "heap": draw_heap(number, rng, held_out=number >= HELD_OUT),
         "module": _draw_module(rng),
-        "sensor": _draw_sensor(rng),
+        "sensor": draw_sensor(rng),
         "optics": {
             "psf_sigma_px": float(rng.uniform(0.45, 1.1)),
             "falloff": float(rng.choice([0.0, 2.0, 4.0])),
@@ -93,11 +93,11 @@ def _draw_rig(number: int, height_mm: float, belt_mm: float, rng: np.random.Gene
         "height_mm": height_mm,
         "tilt_deg": float(rng.choice([0.0, rng.uniform(9, 14) if held_out else rng.uniform(-8, 8)])),
         "yaw_deg": float(rng.choice([0.0, rng.uniform(-45, 45)])),
-        **_place_auxiliaries(height_mm, rng, held_out=held_out),
+        **place_auxiliaries(height_mm, rng, held_out=held_out),
     }
 
 
-def _place_auxiliaries(height_mm: float, rng: np.random.Generator, *, held_out: bool) -> dict[str, Any]:
+def place_auxiliaries(height_mm: float, rng: np.random.Generator, *, held_out: bool) -> dict[str, Any]:
     """Return the place of the auxiliaries: all around, two of them in a line, or within a part of the circle."""
     count = int(rng.choice(_AUXILIARIES))
     part = _HELD_OUT_PART_DEG if held_out else _PART_DEG
@@ -110,7 +110,7 @@ def _place_auxiliaries(height_mm: float, rng: np.random.Generator, *, held_out: 
     }
 
 
-def _draw_projector(
+def draw_projector(
     number: int, height_mm: float, belt_mm: float, rng: np.random.Generator
 ) -> dict[str, Any]:
     x, y = rng.uniform(-120, 120, 2)
@@ -125,7 +125,7 @@ def _draw_projector(
     }
 
 
-def _draw_belt(rng: np.random.Generator) -> dict[str, Any]:
+def draw_belt(rng: np.random.Generator) -> dict[str, Any]:
     width = float(rng.uniform(650, 1000))
     return {
         "width_mm": width,
@@ -148,7 +148,7 @@ def _draw_module(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def _draw_sensor(rng: np.random.Generator) -> dict[str, Any]:
+def draw_sensor(rng: np.random.Generator) -> dict[str, Any]:
     full_well = float(np.exp(rng.uniform(np.log(4000), np.log(20_000))))
     return {
         "colour": str(rng.choice(["grey", "grey", "grey", "demosaiced", "rgb"])),

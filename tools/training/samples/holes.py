@@ -39,20 +39,26 @@ class Samples:
 
 def draw_hole_samples(capture: Path, depth: DepthMap) -> Samples:
     """Return the samples of a capture from its reconstructed depth and its true load."""
+    truth_file = next((capture / "truth").glob("*_load.npz"))
+    volume = read_json(truth_file.with_name(truth_file.name.replace("_load.npz", "_scene.json")))["volume"]
+    with np.load(truth_file) as truth:
+        return sample_frame(capture, depth, dict(truth), volume["along_mm"])
+
+
+def sample_frame(
+    capture: Path, depth: DepthMap, truth: Mapping[str, np.ndarray], along_mm: tuple[float, float]
+) -> Samples:
+    """Return the samples of a frame's depth between two ends along the belt, both in the world as the true load."""
     scene = SimulatedScene(Scenario.model_validate(read_json(capture / "truth" / "scenario.json")))
     camera, core_from_world = scene.station.rig.core_camera, scene.station.core_from_world
     belt = find_true_belt(scene)
     belt_from_world = belt.belt_from_core @ core_from_world
-    truth_file = next((capture / "truth").glob("*_load.npz"))
-    volume = read_json(truth_file.with_name(truth_file.name.replace("_load.npz", "_scene.json")))["volume"]
-    first, last = (float(end + belt_from_world.translation_mm[1]) for end in volume["along_mm"])
+    first, last = (float(end + belt_from_world.translation_mm[1]) for end in along_mm)
     cell = float(belt.belt_from_core.inverse().translation_mm[2] / camera.focal_px.mean())
     across = (belt.across_mm[0] + BORDER_MM, belt.across_mm[1] - BORDER_MM)
     grid = Grid.over(across, (first, last), cell)
     load = compute_load(depth, camera, belt, grid)
-    with np.load(truth_file) as truth:
-        true_mm = resample_truth(dict(truth), belt_from_world, grid)
-    return collect_samples(load, true_mm, cell)
+    return collect_samples(load, resample_truth(truth, belt_from_world, grid), cell)
 
 
 def collect_samples(load: Load, truth_mm: np.ndarray, cell_mm: float) -> Samples:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.learned.registry import load_network
 from beltscape.measure.flow.continuation import continue_into_holes
 from beltscape.measure.holes import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
@@ -19,9 +20,6 @@ from beltscape.measure.volume.uncertainty import EDGE_PX, STEP_SLOPE
 from beltscape.workers.calls import PendingCall
 from beltscape.workers.transport import SharedObject
 
-_LOWER_SIGMA = 0.8
-"""Cells that none of many frames measured lie lower, by this many σ, than cells that one frame does not measure, on
-which the networks were trained: by 0 to 1.2 on the ten heaps of the manual's page on the fused belt."""
 _COMMON = 0.5
 """Share of the holes' σ that is common to all holes: errors over σ of these heaps' totals are 0.9 RMS (0.35: 1.2)."""
 
@@ -95,6 +93,20 @@ class BeltBlock:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BlockHoles:
+    """The fused heights of a block with its margins, whose NaN cells are holes; cells (n, Nx)."""
+
+    height_mm: NDArray[np.float64]
+    sigma_mm: NDArray[np.float64]
+    pinhole: NDArray[np.bool_]
+    """Gaps between the points of neighbouring pixels."""
+    measured: NDArray[np.bool_]
+    """Measured cells, and these gaps."""
+    ray_slope: NDArray[np.float64]
+    """(2, n, Nx) slopes of the core's rays in x and y, means over the frames."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FilledBlock:
     """The rows of a block."""
 
@@ -104,25 +116,37 @@ class FilledBlock:
 
 def fill_block(block: BeltBlock) -> FilledBlock:
     """Fill the holes of a block: its rows sum means, its piece shows the most probable surface."""
-    grid = block.grid.value
-    height, sigma, noise = block.planes.astype(np.float64)
-    frames, single, ray_slope, false_mm = block.by_row
-    measured = close_pinholes(np.isfinite(height))
-    slopes = np.empty((2, *height.shape))
-    slopes[0], slopes[1] = grid.ray_slope_across, ray_slope[:, None]
-    narrow = measured & ~np.isfinite(height)
+    cell_mm, holes = block.grid.value.cell_mm, gather_holes(block)
+    _, single, _, false_mm = block.by_row
     first, end = block.own
     needed = slice(max(first - 1, 0), end)  # steps are looked for from the row before
-    filled = fill_holes(height, sigma, narrow, grid.cell_mm, slopes, rows=needed)
-    filled = _lower_holes(filled.cut(needed), frames[needed, None])
+    network = load_network("belt_holes")
+    filled = fill_holes(
+        holes.height_mm,
+        holes.sigma_mm,
+        holes.pinhole,
+        cell_mm,
+        holes.ray_slope,
+        rows=needed,
+        network=network,
+    ).cut(needed)
     own = slice(first - needed.start, end - needed.start)
-    noise, measured = noise[needed], measured[needed]
+    noise, measured = block.planes[2].astype(np.float64)[needed], holes.measured[needed]
     rows = _sum_rows(block, filled, noise, measured, single[needed], false_mm[needed], own)
     if not block.has_piece:
         return FilledBlock(rows, None)
-    shown = continue_into_holes(filled, height, grid.cell_mm, needed)
+    shown = continue_into_holes(filled, holes.height_mm, cell_mm, needed)
     parts = (shown.value_mm[own].astype(np.float32), shown.sigma_mm[own].astype(np.float32))
     return FilledBlock(rows, BeltPiece(block.number, *parts, measured[own]))
+
+
+def gather_holes(block: BeltBlock) -> BlockHoles:
+    """Return the heights of a block, and what their holes are filled by."""
+    height, sigma, _ = block.planes.astype(np.float64)
+    measured = close_pinholes(np.isfinite(height))
+    slopes = np.empty((2, *height.shape))
+    slopes[0], slopes[1] = block.grid.value.ray_slope_across, block.by_row[2][:, None]
+    return BlockHoles(height, sigma, measured & ~np.isfinite(height), measured, slopes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,10 +203,3 @@ def _sum_rows(
         edges_mm2=np.hypot(EDGE_PX * np.asarray(steps), measured.sum(axis=1) * false_mm)[own] * cell,
         holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
     )
-
-
-def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
-    """Lower the holes, the more frames (Ny, 1) had them in view, but not from above the belt to below it."""
-    low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
-    value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
-    return Filled(value, filled.sigma_mm, filled.hole)

@@ -52,6 +52,7 @@ from beltscape.pipeline.reconstructing.search_range import find_capture_depth_ra
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.settings import MultiviewSettings, require_preset
+from beltscape.workers.calls import CallMaker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +87,7 @@ def measure_flow_of_capture(
     preset: str = "standard",
     load_mm: float | None = None,
     belt_cell_mm: float | None = None,
+    calls: CallMaker | None = None,
 ) -> Flow:
     """Reconstruct a capture of the moving belt frame by frame and measure the flow.
 
@@ -93,6 +95,7 @@ def measure_flow_of_capture(
     encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
     range that a few frames show. The rig is scaled to images that are binned or reduced.
     ``belt_cell_mm`` is the edge of a cell of the picture, by default a pixel, or up to 4 mm of a long belt.
+    ``calls`` fills the holes of finished blocks of belt; None: each at once.
 
     Raises
     ------
@@ -114,6 +117,7 @@ def measure_flow_of_capture(
         watch_belt=picture.add,
         watch_step=steps.append,
         scale_sigma=rig.scale_sigma,
+        calls=calls,
     )
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     chain = _make_chain(rig, ground, matcher, meter)

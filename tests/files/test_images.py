@@ -193,3 +193,24 @@ def test_a_pipe_is_refused_without_being_opened(tmp_path):
     os.mkfifo(tmp_path / "a.png")
     with pytest.raises(InputError, match=r"a\.png: is a pipe, socket or device, which is not opened"):
         read_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("extension", [".png", ".tiff"])
+def test_an_image_of_12_bits_fills_the_range_of_16(tmp_path: Path, extension: str) -> None:
+    """Read as they stand, its levels were judged a sixteenth as bright: frames were refused as too dark."""
+    stored = np.random.default_rng(0).integers(0, 4096, (20, 30), np.uint16)
+    stored[0, :2] = 0, 4095
+    write_image(tmp_path / f"low{extension}", stored)
+    image = read_image(tmp_path / f"low{extension}")
+    assert image[0, :2].tolist() == [0, 65535]
+    np.testing.assert_allclose(image / 65535, stored / 4095, atol=1 / 65535)
+
+
+@pytest.mark.parametrize(("step", "top"), [(1, 4096), (4, 1023), (16, 255)])
+def test_a_dark_image_whose_bits_stand_at_the_top_is_not_changed(
+    tmp_path: Path, step: int, top: int
+) -> None:
+    stored = (step * np.random.default_rng(1).integers(0, top + 1, (20, 30))).astype(np.uint16)
+    stored[0, 0] = step * top
+    write_image(tmp_path / "dark.png", stored)
+    np.testing.assert_array_equal(read_image(tmp_path / "dark.png"), stored)

@@ -23,7 +23,18 @@ _FAMILY = 28
 """Second part of every seed: another value gives other heaps."""
 _SENSOR_MM = 8.4456
 """Width of the paper's sensor; the focal length follows from it and from the view."""
-MATERIALS = ("stones", "stones", "layers", "layers", "blocks", "stones", "layers", "pellets", "stones", "grain")
+MATERIALS = (
+    "stones",
+    "stones",
+    "layers",
+    "layers",
+    "blocks",
+    "stones",
+    "layers",
+    "pellets",
+    "stones",
+    "deep layers",
+)
 """Materials in turn: large stones on fines, and several layers of smaller ones, differ most."""
 
 

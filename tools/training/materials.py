@@ -43,6 +43,11 @@ def _draw_layers(rng: np.random.Generator) -> Heap:
     return heap
 
 
+def _draw_deep_layers(rng: np.random.Generator) -> Heap:
+    """Return many layers of small stones with some large ones."""
+    return _draw_layers(rng) | {"rocks": int(rng.choice([2500, 3500, 4500]))}
+
+
 def _draw_fines(rng: np.random.Generator) -> Heap:
     """Return fines with hardly a stone."""
     return _draw_stones(rng) | {"rocks": int(rng.choice([0, 20]))}
@@ -135,6 +140,7 @@ def _draw_gloss(rng: np.random.Generator) -> float:
 MIXTURES: dict[str, Callable[[np.random.Generator], Heap]] = {
     "stones": _draw_stones,
     "layers": _draw_layers,
+    "deep layers": _draw_deep_layers,
     "fines": _draw_fines,
     "wet coal": _draw_wet_coal,
     "blocks": _draw_blocks,

@@ -24,6 +24,8 @@ from training.belts import EMPTY, MOVING
 from training.reconstructions import reconstruct_frame
 from training.samples.holes import BORDER_MM, CELLS, Samples, sample_frame
 
+_ABOVE_MM = 20.0
+"""Depth is searched this far above the heap: no frame need show it first, as those of a dark bare belt do not."""
 _SEEN = 0.9
 """Share of the view's length, on the belt, that counts of a single frame."""
 _EMPTY_RESULT = "empty_rec"
@@ -54,11 +56,17 @@ def draw_belt_samples(folder: Path, preset: str) -> Samples:
     empty = folder / _EMPTY_RESULT
     if not (empty / "reconstruction.json").is_file():
         reconstruct_capture(folder / EMPTY, rig, empty, Silent())
-    recorder = _BlockRecorder()
+    recorder, truth = _BlockRecorder(), read_true_belt(capture / "truth")
     flow = measure_flow_of_capture(
-        capture, rig, empty, Silent(), encoder=capture / "encoder.csv", preset=preset, calls=recorder
+        capture,
+        rig,
+        empty,
+        Silent(),
+        encoder=capture / "encoder.csv",
+        preset=preset,
+        load_mm=float(truth.height_mm.max()) + _ABOVE_MM,
+        calls=recorder,
     )
-    truth = read_true_belt(capture / "truth")
     return _draw(join_samples([_collect_block(block, flow, truth) for block in recorder.blocks]))
 
 

@@ -85,9 +85,10 @@ def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str
         ("not for", purpose.unsuitable),
     ]
     if origin := manifest["networks"][name].get("origin"):
-        first, last = origin[purpose.fitted_to]["training"]
-        kind = purpose.fitted_to.replace("_", " ")
-        rows.append(("trained anew", f"on {kind} {first} to {last}, at commit {origin['commit'][:9]}"))
+        kinds = [kind for kind in ("scenarios", "moving_heaps") if kind in origin]
+        ranges = [(kind.replace("_", " "), *origin[kind]["training"]) for kind in kinds]
+        of_what = " and ".join(f"{kind} {first} to {last}" for kind, first, last in ranges)
+        rows.append(("trained anew", f"on {of_what}, at commit {origin['commit'][:9]}"))
     metrics = manifest["networks"][name]["metrics"]
     rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
     return f"## {name}\n\n| | |\n|---|---|\n" + "".join(f"| {what} | {text} |\n" for what, text in rows)

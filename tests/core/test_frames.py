@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.frames import saturated_fraction, to_grey
+from beltscape.core.frames import FrameSet, saturated_fraction, to_grey
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -29,3 +29,14 @@ def test_saturation_counts_a_pixel_once_whatever_its_channels():
     assert saturated_fraction(image) == 0.5
     assert saturated_fraction(np.array([[65535, 65534]], np.uint16)) == 0.5
     assert saturated_fraction(np.full((2, 2), 255, np.uint16)) == 0.0
+
+
+def test_images_of_12_bits_in_memory_fill_the_range_as_those_of_files() -> None:
+    """Cameras' own libraries give 12 bits as 0 to 4095."""
+    stored = np.arange(4096, dtype=np.uint16).reshape(64, 64)
+    eight = np.full((64, 64), 7, np.uint8)
+    frame = FrameSet("000", {"cam0": stored, "cam1": eight})
+    assert frame.images["cam0"].max() == 65535
+    assert frame.images["cam1"] is eight
+    again = FrameSet("001", frame.images)
+    np.testing.assert_array_equal(again.images["cam0"], frame.images["cam0"])

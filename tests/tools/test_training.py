@@ -151,7 +151,7 @@ def test_samples_of_belt_holes_are_the_cells_that_no_frame_measured(load, heap, 
     copy = shutil.copytree(heap, tmp_path / "heap")
     belts = load("samples.belts")
     samples = belts.draw_belt_samples(copy, "fast")
-    assert samples.names == load_network("belt_holes").features
+    assert samples.names == load_network("holes").features
     assert np.isfinite(samples.x).all()
     assert len(samples.x) == len(samples.y) == len(samples.scale_mm) > 0
     assert (samples.scale_mm > 0).all()
@@ -225,8 +225,7 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(
         limit_frames(monkeypatch, load(name))
     monkeypatch.setattr(load("samples.refinement"), "ENOUGH", 2000)
     monkeypatch.setattr(load("refinement"), "EPOCHS", 1)
-    for name in ("SURFACES", "BELT_SURFACES"):
-        monkeypatch.setattr(load("holes"), name, 1)
+    monkeypatch.setattr(load("holes"), "SURFACES", 1)
     monkeypatch.setattr(load("lumps"), "CELLS", {60_000: 3000})
     schedules = load("confidence").SCHEDULES
     for name, schedule in schedules.items():

@@ -34,7 +34,7 @@ from training.belts import locate_heap, render_heap
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.drawing import Drawing
-from training.holes import train_belt_holes, train_holes
+from training.holes import train_holes
 from training.instructions import restart_pinned
 from training.lumps import train_lumps
 from training.manifest import Assessment, replace_networks, write_manifest
@@ -137,8 +137,7 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
         (("candidates",), lambda: {"candidates": train_candidates(captures, samples)}),
         (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
         (refined, lambda: train_refinement(captures, samples)),
-        (("holes",), lambda: {"holes": train_holes(captures, samples)}),
-        (("belt_holes",), lambda: {"belt_holes": train_belt_holes(training.heaps, samples)}),
+        (("holes",), lambda: {"holes": train_holes(captures, training.heaps, samples)}),
         (("lumps",), lambda: {"lumps": train_lumps(captures, samples)}),
     ]
 

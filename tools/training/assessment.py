@@ -15,7 +15,7 @@ from beltscape.evaluate.frame_scores import compute_sigma_ratios
 from beltscape.learned.registry import load_network
 from training.cache import SampleCache
 from training.confidence import collect_candidates, collect_pixels, mask_measured, mask_right
-from training.holes import MAX_TARGET, collect_belt_holes, collect_holes
+from training.holes import MAX_TARGET, collect_holes
 from training.lumps import collect_lumps
 from training.reconstructions import reconstruct_capture
 from training.samples.augmentation import read_simulated
@@ -35,8 +35,7 @@ def assess_networks(
     recipes: dict[str, Callable[[], Metrics]] = {
         **{name: partial(_assess_pixels, name, captures, cache) for name in pixels},
         "candidates": partial(_assess_candidates, captures, cache),
-        "holes": lambda: _assess_holes("holes", collect_holes(captures, cache)),
-        "belt_holes": lambda: _assess_holes("belt_holes", collect_belt_holes(heaps, cache)),
+        "holes": partial(_assess_holes, captures, heaps, cache),
         "lumps": partial(_assess_lumps, captures, cache),
     }
     return {name: assess() for name, assess in recipes.items() if not names or name in names}
@@ -103,8 +102,9 @@ def _assess_candidates(captures: list[Path], cache: SampleCache) -> Metrics:
     return {"area under the ROC curve": compute_auc(logit, samples["right"][:, 0])}
 
 
-def _assess_holes(name: str, samples: dict[str, np.ndarray]) -> Metrics:
-    mean, sigma = load_network(name).predict_mean_and_sigma(
+def _assess_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> Metrics:
+    samples = collect_holes(captures, heaps, cache)
+    mean, sigma = load_network("holes").predict_mean_and_sigma(
         dict(zip(map(str, samples["names"]), samples["x"].T, strict=True))
     )
     target = np.clip(samples["y"], -MAX_TARGET, MAX_TARGET)

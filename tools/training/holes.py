@@ -1,4 +1,4 @@
-"""Recipes of the networks that fill holes: of a frame, and of the fused belt."""
+"""Recipe of the network that fills holes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.errors import ReconstructionError
+from beltscape.kernels.holes import HOLE_FEATURES
 from beltscape.learned.network import LOG_VARIANCE, Network
 from training.belts import MATERIALS
 from training.cache import SampleCache
 from training.losses import make_mean_and_variance
 from training.perceptron import Schedule, average_networks, compute_limits, fit_perceptron
 from training.reconstructions import reconstruct_capture
-from training.samples.belts import draw_belt_samples
+from training.samples.belts import draw_belt_samples, draw_frame_samples
 from training.samples.holes import Samples, collect_samples, draw_hole_samples
 from training.samples.surfaces import simulate_bodies_seen, simulate_smooth_surface
 
@@ -27,36 +28,22 @@ MEMBERS = 3
 """Size of the ensemble: networks from different initial weights, whose outputs are averaged."""
 PRESETS = "fast", "standard"
 """Presets that match moving heaps, in turn."""
-SURFACES = 160
-"""Number of simulated smooth surfaces, and of those with bodies, which keep the prediction in such holes unbiased ..."""
-BELT_SURFACES = 24
-"""... and for the fused belt, which is fitted to fewer samples."""
+SURFACES = 40
+"""Number of simulated smooth surfaces, and of those with bodies, which keep the prediction in such holes unbiased."""
 
 
-def collect_holes(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
-    """Return the samples of hole cells."""
-    return cache.collect("holes", captures, lambda capture, _: _draw(capture))
+def collect_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of hole cells: of the captures, and of moving heaps, of a frame and of all frames fused."""
+    frames = cache.collect("holes", captures, lambda capture, _: _draw(capture))
+    fused = cache.collect("heap_holes", heaps, _draw_heap)
+    return {key: frames[key] if key == "names" else np.concatenate([frames[key], fused[key]]) for key in frames}
 
 
-def train_holes(captures: list[Path], cache: SampleCache) -> Network:
-    """Train the network of a frame's holes."""
-    return _fit(collect_holes(captures, cache), *_draw_simulated(SURFACES))
-
-
-def collect_belt_holes(heaps: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
-    """Return the samples of cells that no frame of a moving heap measured."""
-    return cache.collect("belt_holes", heaps, _draw_heap)
-
-
-def train_belt_holes(heaps: list[Path], cache: SampleCache) -> Network:
-    """Train the network of the fused belt's holes."""
-    return _fit(collect_belt_holes(heaps, cache), *_draw_simulated(BELT_SURFACES))
-
-
-def _fit(samples: dict[str, np.ndarray], *simulated: dict[str, np.ndarray]) -> Network:
-    """Fit the mean by least squares, and the log variance by the residuals' likelihood."""
+def train_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> Network:
+    """Train the mean by least squares, and the log variance by the residuals' likelihood."""
+    samples = collect_holes(captures, heaps, cache)
     names = tuple(map(str, samples.pop("names")))
-    parts = [samples, *simulated]
+    parts = [samples, *_draw_simulated()]
     x, y, weight = (np.concatenate([part[key] for part in parts if part]) for key in ("x", "y", "weight"))
     y = np.clip(y, -MAX_TARGET, MAX_TARGET)
     loss = make_mean_and_variance(y, weight / weight.mean(), VARIANCE_WEIGHT, LOG_VARIANCE)
@@ -68,9 +55,9 @@ def _fit(samples: dict[str, np.ndarray], *simulated: dict[str, np.ndarray]) -> N
     return average_networks(members)
 
 
-def _draw_simulated(surfaces: int) -> Iterator[dict[str, np.ndarray]]:
+def _draw_simulated() -> Iterator[dict[str, np.ndarray]]:
     """Yield the samples of simulated surfaces."""
-    for seed in range(surfaces):
+    for seed in range(SURFACES):
         for simulate in (simulate_smooth_surface, simulate_bodies_seen):
             load, truth = simulate(np.random.default_rng(seed))
             yield _as_arrays(collect_samples(load, truth, 1.0))
@@ -88,16 +75,17 @@ def _draw(capture: Path) -> dict[str, np.ndarray]:
 
 
 def _draw_heap(heap: Path, turn: int) -> dict[str, np.ndarray]:
-    """Return the samples of a heap, none where nothing of it is measured.
+    """Return the samples of a moving heap, none where nothing of it is measured.
 
     Every second one of each material is matched by the other preset.
     """
+    preset = PRESETS[(turn + turn // len(MATERIALS)) % len(PRESETS)]
     try:
-        samples = draw_belt_samples(heap, PRESETS[(turn + turn // len(MATERIALS)) % len(PRESETS)])
+        parts = [_as_arrays(draw(heap, preset)) for draw in (draw_belt_samples, draw_frame_samples)]
     except ReconstructionError:  # too dark a plant
         return {}
-    arrays = _as_arrays(samples)
-    return {"names": np.array(samples.names), **arrays} if arrays else {}
+    joined = {key: np.concatenate([part[key] for part in parts if part]) for key in parts[0] or parts[1]}
+    return {"names": np.array(HOLE_FEATURES), **joined} if joined else {}
 
 
 def _as_arrays(samples: Samples) -> dict[str, np.ndarray]:

@@ -13,6 +13,8 @@ from beltscape.core.arguments import require_images
 from beltscape.core.checks import require_text
 
 Image = NDArray[np.uint8 | np.uint16]
+_TOP_OF_12, _LOWEST_BITS = 1 << 12, 3
+"""First value above 12 bits; the bits that are zero where 14 or fewer bits stand at the top of 16."""
 OVEREXPOSED_SHARE = 0.2
 """Share of saturated pixels from which an image is called overexposed."""
 
@@ -24,7 +26,7 @@ class FrameSet:
     frame: str
     """Name of the instant: the image file's stem."""
     images: Mapping[str, Image]
-    """By camera: (H, W) grey or (H, W, 3) RGB, uint8 or uint16."""
+    """By camera: (H, W) grey or (H, W, 3) RGB, uint8 or uint16; 12 bits of 16 are scaled by `fill_range`."""
     time_ns: int | None = None
     """Trigger time on a monotonic clock; None: not known."""
     position_mm: float | None = None
@@ -41,6 +43,20 @@ class FrameSet:
         """Raise InputError unless ``images`` maps camera names to images."""
         require_text(self.frame, "frame")
         require_images(self.images)
+        if any(image.dtype == np.uint16 for image in self.images.values()):
+            filled = {name: fill_range(image) for name, image in self.images.items()}
+            object.__setattr__(self, "images", filled)
+
+
+def fill_range(image: Image) -> Image:
+    """Return an image of 12 bits that is held as 0 to 4095 with its top value at 65535; others as they are.
+
+    Levels, noise and saturation are judged by the range of the type, so such an image would seem 16 times too dark.
+    Multiples of 4 are not changed: these are the dark images of cameras whose bits stand at the top.
+    """
+    if image.dtype != np.uint16 or image.max(initial=0) >= _TOP_OF_12 or not (image & _LOWEST_BITS).any():
+        return image
+    return (image << 4) | (image >> 8)
 
 
 def to_grey(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.core.frames import Image
+from beltscape.core.frames import Image, fill_range
 from beltscape.files.atomic import write_bytes
 from beltscape.files.paths import AnyPath, as_path
 
@@ -37,9 +37,6 @@ _HEAD = 4096
 """Bytes at a file's beginning in which a mark of animation is searched; it stands before the first image's data."""
 _CHUNK = 12
 """Bytes of a PNG's chunk beside its data: length, type and checksum of four each (PNG specification, 5.3)."""
-
-_TOP_OF_12, _LOWEST_BITS = 1 << 12, 3
-"""First value above 12 bits; the bits that 14 and fewer bits at the top of 16 leave at zero."""
 
 # InputError describes damaged images in one line; OpenCV's own messages are switched off
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -84,18 +81,7 @@ def _decode(data: NDArray[np.uint8], name: str) -> Image:
     if image.ndim == 3:
         is_grey = image.shape[2] < 3 or (_has_palette(data) and is_grey_throughout(image))
         image = image[..., 0] if is_grey else image[..., 2::-1]
-    return _fill_range(cast(Image, np.ascontiguousarray(image)))
-
-
-def _fill_range(image: Image) -> Image:
-    """Return an image of 12 bits that a file holds as 0 to 4095 with its top value at 65535; others as they are.
-
-    Levels, noise and saturation are judged by the range of the type, so such an image would seem 16 times too dark.
-    Multiples of 4 are not changed: these are the dark images of cameras whose bits stand at the top.
-    """
-    if image.dtype != np.uint16 or image.max(initial=0) >= _TOP_OF_12 or not (image & _LOWEST_BITS).any():
-        return image
-    return (image << 4) | (image >> 8)
+    return fill_range(cast(Image, np.ascontiguousarray(image)))
 
 
 def is_grey_throughout(image: Image) -> bool:

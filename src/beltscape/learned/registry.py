@@ -22,8 +22,6 @@ class Purpose:
     """Module that evaluates it."""
     unsuitable: str
     """What it must not be used for."""
-    fitted_to: str = "scenarios"
-    """Kind of captures, by its name in the manifest."""
 
 
 _MATCHER = (
@@ -73,13 +71,6 @@ PURPOSES = {
         "mean and log variance of the height of an unmeasured cell, in units of the range of its rims",
         "beltscape.measure.holes",
         "bodies that are not bulk material or plane-faced solids on a belt, such as sheets or pipes",
-    ),
-    "belt_holes": Purpose(
-        "mean and log variance of the height of a cell of fused belt that no frame measured, in units of the range of "
-        "its rims",
-        "beltscape.measure.flow.blocks",
-        "single frames, whose unmeasured cells lie elsewhere: a fused belt shows what one frame cannot see",
-        "moving_heaps",
     ),
     "lumps": Purpose(
         "the logits of the probabilities that a cell lies on a lump's outline, and on a lump",

@@ -20,7 +20,7 @@ from beltscape.measure.volume.load import Load, compute_load
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 
-CELLS = 10_000
+CELLS = 5000
 """Number of cells drawn from a capture."""
 BORDER_MM = 12.0
 """Strip at the belt's sides that is left out: there the true and the measured edge of the belt differ."""

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.learned.registry import load_network
 from beltscape.measure.flow.continuation import continue_into_holes
 from beltscape.measure.holes import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
@@ -83,7 +82,7 @@ class BeltBlock:
     planes: NDArray[np.float32]
     """(3, n, Nx) height, σ and noise, mm."""
     by_row: NDArray[np.float64]
-    """(4, n) number of frames, single share, ray slope, σ of the mean height from false depths."""
+    """(3, n) single share, ray slope, σ of the mean height from false depths."""
     own: tuple[int, int]
     """The first row to fill, and the one after the last."""
     number: int
@@ -117,18 +116,11 @@ class FilledBlock:
 def fill_block(block: BeltBlock) -> FilledBlock:
     """Fill the holes of a block: its rows sum means, its piece shows the most probable surface."""
     cell_mm, holes = block.grid.value.cell_mm, gather_holes(block)
-    _, single, _, false_mm = block.by_row
+    single, _, false_mm = block.by_row
     first, end = block.own
     needed = slice(max(first - 1, 0), end)  # steps are looked for from the row before
-    network = load_network("belt_holes")
     filled = fill_holes(
-        holes.height_mm,
-        holes.sigma_mm,
-        holes.pinhole,
-        cell_mm,
-        holes.ray_slope,
-        rows=needed,
-        network=network,
+        holes.height_mm, holes.sigma_mm, holes.pinhole, cell_mm, holes.ray_slope, rows=needed
     ).cut(needed)
     own = slice(first - needed.start, end - needed.start)
     noise, measured = block.planes[2].astype(np.float64)[needed], holes.measured[needed]
@@ -145,7 +137,7 @@ def gather_holes(block: BeltBlock) -> BlockHoles:
     height, sigma, _ = block.planes.astype(np.float64)
     measured = close_pinholes(np.isfinite(height))
     slopes = np.empty((2, *height.shape))
-    slopes[0], slopes[1] = block.grid.value.ray_slope_across, block.by_row[2][:, None]
+    slopes[0], slopes[1] = block.grid.value.ray_slope_across, block.by_row[1][:, None]
     return BlockHoles(height, sigma, measured & ~np.isfinite(height), measured, slopes)
 
 

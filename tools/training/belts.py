@@ -23,19 +23,11 @@ _FAMILY = 28
 """Second part of every seed: another value gives other heaps."""
 _SENSOR_MM = 8.4456
 """Width of the paper's sensor; the focal length follows from it and from the view."""
-MATERIALS = (
-    "stones",
-    "stones",
-    "layers",
-    "layers",
-    "blocks",
-    "stones",
-    "layers",
-    "pellets",
-    "stones",
-    "deep layers",
-)
-"""Materials in turn: large stones on fines, and several layers of smaller ones, differ most."""
+IN_TURN = "stones", "stones", "layers", "layers", "blocks", "stones", "layers", "pellets", "stones", "deep layers"
+MATERIALS = (*IN_TURN, *IN_TURN, *IN_TURN[:7], "scattered", "scattered", "scattered")
+"""Materials in turn: large stones on fines, several layers of smaller ones, and stones on a bare belt differ most."""
+_CROWN_MM, _THIN_MM = (40.0, 110.0), (4.0, 25.0)
+"""Heights of the fines below bodies, and below scattered ones."""
 
 
 def draw_heap_in_motion(number: int, kind: str) -> Scenario:
@@ -71,9 +63,11 @@ def draw_heap_in_motion(number: int, kind: str) -> Scenario:
 
 def _draw_heap(number: int, rng: np.random.Generator) -> Heap:
     """Return a heap some half a metre long, whose bodies lie closely or loosely, on fines or in them."""
-    heap = MIXTURES[MATERIALS[number % len(MATERIALS)]](rng)
+    material = MATERIALS[number % len(MATERIALS)]
+    heap = MIXTURES[material](rng)
     half = float(rng.uniform(180, 330))
-    heap["fines"] |= {"along_mm": (-half, half), "crown_mm": float(rng.uniform(40, 110))}
+    crown = float(rng.uniform(*(_THIN_MM if material == "scattered" else _CROWN_MM)))
+    heap["fines"] |= {"along_mm": (-half, half), "crown_mm": crown}
     return heap | {
         "bedding": float(rng.choice([0.0, 0.15, rng.uniform(0, 0.3)])),
         "candidates": int(rng.choice([1, 2, 6, 6])),

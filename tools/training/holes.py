@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.errors import ReconstructionError
 from beltscape.kernels.holes import HOLE_FEATURES
 from beltscape.learned.network import LOG_VARIANCE, Network
-from training.belts import MATERIALS
+from training.belts import IN_TURN
 from training.cache import SampleCache
 from training.losses import make_mean_and_variance
 from training.perceptron import Schedule, average_networks, compute_limits, fit_perceptron
@@ -79,7 +79,7 @@ def _draw_heap(heap: Path, turn: int) -> dict[str, np.ndarray]:
 
     Every second one of each material is matched by the other preset.
     """
-    preset = PRESETS[(turn + turn // len(MATERIALS)) % len(PRESETS)]
+    preset = PRESETS[(turn + turn // len(IN_TURN)) % len(PRESETS)]
     try:
         parts = [_as_arrays(draw(heap, preset)) for draw in (draw_belt_samples, draw_frame_samples)]
     except ReconstructionError:  # too dark a plant

@@ -17,7 +17,9 @@ def _draw_pairs(number: int, radius: int) -> tuple[NDArray[np.float32], NDArray[
     """Return areas of 8-bit levels, and a noisy patch of each at a random position."""
     rng = np.random.default_rng(number)
     width = _SIDE + 2 * radius
-    areas = np.stack([cv2.GaussianBlur(rng.uniform(0, 255, (width, width)), (0, 0), 1.2) for _ in range(number)])
+    areas = np.stack(
+        [cv2.GaussianBlur(rng.uniform(0, 255, (width, width)), (0, 0), 1.2) for _ in range(number)]
+    )
     corners = rng.integers(0, 2 * radius + 1, (number, 2))
     patches = [area[v : v + _SIDE, u : u + _SIDE] for area, (u, v) in zip(areas, corners, strict=True)]
     noise = rng.normal(0, 2, (number, _SIDE, _SIDE))

@@ -83,9 +83,7 @@ def _smooth(values: NDArray[np.generic], cell_mm: float) -> NDArray[np.float32]:
     """
     sigma = _SMOOTH_MM / cell_mm
     kernel = cv2.getGaussianKernel(2 * int(4 * sigma + 0.5) + 1, sigma, cv2.CV_32F)
-    smoothed = cv2.sepFilter2D(
-        values.astype(np.float32), -1, kernel, kernel, borderType=cv2.BORDER_REFLECT
-    )
+    smoothed = cv2.sepFilter2D(values.astype(np.float32), -1, kernel, kernel, borderType=cv2.BORDER_REFLECT)
     return np.asarray(smoothed, np.float32)
 
 

@@ -133,7 +133,9 @@ def _fit_quadratic(
         return None
     places = np.nonzero(inside)
     middle_v, middle_u = (axis.mean() for axis in places)
-    v, u = ((axis - middle) / size for axis, middle in zip(np.nonzero(ring), (middle_v, middle_u), strict=True))
+    v, u = (
+        (axis - middle) / size for axis, middle in zip(np.nonzero(ring), (middle_v, middle_u), strict=True)
+    )
     ring_terms, target, weight = _make_terms(u, v), s[ring].astype(np.float64), np.ones(len(u))
     coefficients, spread = np.zeros(6), np.inf
     for _ in range(_ROUNDS):

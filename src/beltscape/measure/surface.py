@@ -83,7 +83,8 @@ class Sampling:
 
 
 _SAMPLED, _LARGE_PX = 3, 200
-"""Every third pixel of a row and of a column of an image of at least this size gives the median of all to 0.1 %."""
+"""Every third pixel of a row and of a column gives the median depth of images from this size on to 0.03 %, that of σ
+to 0.2 % of 612×512 and to 1 % of 306×256 pixels; the step between neighbours follows from both."""
 
 
 def compute_sampling(depth: DepthMap, camera: Camera) -> Sampling:

@@ -82,9 +82,8 @@ def _smooth(values: NDArray[np.generic], cell_mm: float) -> NDArray[np.float32]:
     In float32 it takes a sixth of the time of SciPy's; heights of 300 mm differ by 0.0001 mm.
     """
     sigma = _SMOOTH_MM / cell_mm
-    kernel = cv2.getGaussianKernel(2 * int(4 * sigma + 0.5) + 1, sigma, cv2.CV_32F)
-    smoothed = cv2.sepFilter2D(values.astype(np.float32), -1, kernel, kernel, borderType=cv2.BORDER_REFLECT)
-    return np.asarray(smoothed, np.float32)
+    side = 2 * int(4 * sigma + 0.5) + 1
+    return cv2.GaussianBlur(values.astype(np.float32), (side, side), sigma, borderType=cv2.BORDER_REFLECT)
 
 
 def compute_free_mm(frame: HighPassHeights, direction: int) -> float:

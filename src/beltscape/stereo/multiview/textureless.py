@@ -61,7 +61,7 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
     discs = _mask_bright_regions(prepared)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     filled = np.zeros(surface.s.shape, bool)
-    found: list[NDArray[np.floating]] = []
+    found: list[NDArray[np.floating | np.signedinteger]] = []
     s = surface.s
     reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
     for label in range(1, count):

@@ -297,9 +297,9 @@ def make_reference(belt: Belt, camera: Camera, cell_mm: float | None = None) -> 
 
 def _confident(depth: DepthMap) -> DepthMap:
     """Return the depth map without pixels of low confidence."""
-    sure = depth.confidence >= LEAST_CONFIDENCE
-    planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
-    depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
+    unsure = ~(depth.confidence >= LEAST_CONFIDENCE)
+    depth_mm, sigma_mm = depth.depth_mm.astype(np.float32), depth.sigma_mm.astype(np.float32)
+    depth_mm[unsure] = sigma_mm[unsure] = np.nan
     return replace(depth, depth_mm=depth_mm, sigma_mm=sigma_mm)
 
 

@@ -49,7 +49,7 @@ CAPTURES = 72
 """Number of scenarios that the shipped networks are trained on ..."""
 ASSESSED = 8
 """... and of those that they are assessed on: one of each kind in turn."""
-HEAPS, HEAPS_ASSESSED = 30, 2
+HEAPS, HEAPS_ASSESSED = 27, 2
 """Numbers of moving heaps likewise."""
 
 

@@ -1,4 +1,4 @@
-"""The moving heaps that the network of the fused belt's holes is fitted to: materials, layers and rigs drawn at random.
+"""The moving heaps that the network of holes is fitted to, by frames and by fused belts: materials, layers and rigs drawn at random.
 
 Heap i is drawn from the seed ``[i, 28]``. What no frame of it measures depends on how its bodies lie, so their
 bedding, and the choice they had when they fell, are drawn as well. Heaps from `HELD_OUT` on are never fitted to.
@@ -23,11 +23,19 @@ _FAMILY = 28
 """Second part of every seed: another value gives other heaps."""
 _SENSOR_MM = 8.4456
 """Width of the paper's sensor; the focal length follows from it and from the view."""
-IN_TURN = "stones", "stones", "layers", "layers", "blocks", "stones", "layers", "pellets", "stones", "deep layers"
-MATERIALS = (*IN_TURN, *IN_TURN, *IN_TURN[:7], "scattered", "scattered", "scattered")
-"""Materials in turn: large stones on fines, several layers of smaller ones, and stones on a bare belt differ most."""
-_CROWN_MM, _THIN_MM = (40.0, 110.0), (4.0, 25.0)
-"""Heights of the fines below bodies, and below scattered ones."""
+MATERIALS = (
+    "stones",
+    "stones",
+    "layers",
+    "layers",
+    "blocks",
+    "stones",
+    "layers",
+    "pellets",
+    "stones",
+    "deep layers",
+)
+"""Materials in turn: large stones on fines, and several layers of smaller ones, differ most."""
 
 
 def draw_heap_in_motion(number: int, kind: str) -> Scenario:
@@ -63,11 +71,9 @@ def draw_heap_in_motion(number: int, kind: str) -> Scenario:
 
 def _draw_heap(number: int, rng: np.random.Generator) -> Heap:
     """Return a heap some half a metre long, whose bodies lie closely or loosely, on fines or in them."""
-    material = MATERIALS[number % len(MATERIALS)]
-    heap = MIXTURES[material](rng)
+    heap = MIXTURES[MATERIALS[number % len(MATERIALS)]](rng)
     half = float(rng.uniform(180, 330))
-    crown = float(rng.uniform(*(_THIN_MM if material == "scattered" else _CROWN_MM)))
-    heap["fines"] |= {"along_mm": (-half, half), "crown_mm": crown}
+    heap["fines"] |= {"along_mm": (-half, half), "crown_mm": float(rng.uniform(40, 110))}
     return heap | {
         "bedding": float(rng.choice([0.0, 0.15, rng.uniform(0, 0.3)])),
         "candidates": int(rng.choice([1, 2, 6, 6])),

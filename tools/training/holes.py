@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.errors import ReconstructionError
 from beltscape.kernels.holes import HOLE_FEATURES
 from beltscape.learned.network import LOG_VARIANCE, Network
-from training.belts import IN_TURN
+from training.belts import MATERIALS
 from training.cache import SampleCache
 from training.losses import make_mean_and_variance
 from training.perceptron import Schedule, average_networks, compute_limits, fit_perceptron
@@ -19,7 +19,9 @@ from training.samples.belts import draw_belt_samples, draw_frame_samples
 from training.samples.holes import Samples, collect_samples, draw_hole_samples
 from training.samples.surfaces import simulate_bodies_seen, simulate_smooth_surface
 
-SCHEDULE = Schedule((16, 8), epochs=6, batch=1024, decay=1e-5)
+SCHEDULE = Schedule((16, 8), epochs=6, batch=2048, decay=1e-5)
+CAPTURES = 45
+"""Number of captures, the first and smallest: moving heaps show more materials for less."""
 MAX_TARGET = 5.0
 """Absolute value to which targets are clipped."""
 VARIANCE_WEIGHT = 0.1
@@ -34,7 +36,7 @@ SURFACES = 40
 
 def collect_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
     """Return the samples of hole cells: of the captures, and of moving heaps, of a frame and of all frames fused."""
-    frames = cache.collect("holes", captures, lambda capture, _: _draw(capture))
+    frames = cache.collect("holes", captures[:CAPTURES], lambda capture, _: _draw(capture))
     fused = cache.collect("heap_holes", heaps, _draw_heap)
     return {key: frames[key] if key == "names" else np.concatenate([frames[key], fused[key]]) for key in frames}
 
@@ -79,7 +81,7 @@ def _draw_heap(heap: Path, turn: int) -> dict[str, np.ndarray]:
 
     Every second one of each material is matched by the other preset.
     """
-    preset = PRESETS[(turn + turn // len(IN_TURN)) % len(PRESETS)]
+    preset = PRESETS[(turn + turn // len(MATERIALS)) % len(PRESETS)]
     try:
         parts = [_as_arrays(draw(heap, preset)) for draw in (draw_belt_samples, draw_frame_samples)]
     except ReconstructionError:  # too dark a plant

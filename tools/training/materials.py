@@ -48,11 +48,6 @@ def _draw_deep_layers(rng: np.random.Generator) -> Heap:
     return _draw_layers(rng) | {"rocks": int(rng.choice([2500, 3500, 4500]))}
 
 
-def _draw_scattered(rng: np.random.Generator) -> Heap:
-    """Return stones, some upon others, for a belt with hardly any fines."""
-    return _draw_layers(rng) | {"rocks": int(rng.choice([300, 600, 1000]))}
-
-
 def _draw_fines(rng: np.random.Generator) -> Heap:
     """Return fines with hardly a stone."""
     return _draw_stones(rng) | {"rocks": int(rng.choice([0, 20]))}
@@ -146,7 +141,6 @@ MIXTURES: dict[str, Callable[[np.random.Generator], Heap]] = {
     "stones": _draw_stones,
     "layers": _draw_layers,
     "deep layers": _draw_deep_layers,
-    "scattered": _draw_scattered,
     "fines": _draw_fines,
     "wet coal": _draw_wet_coal,
     "blocks": _draw_blocks,

@@ -176,12 +176,14 @@ def _issue(
         issued = issue_certificate(data, evaluated, options)
         with closing(Access(data)) as access:
             detail = {"number": issued.statement.number, "key": issued.fingerprint}
-            access.audit.write("certificate issued", f"{by} on this machine", "beltscape certify", detail)
+            action = "certificate issued" if issued.is_new else "certificate asked for again"
+            access.audit.write(action, f"{by} on this machine", "beltscape certify", detail)
     return {
         **issued.statement.to_plain(),
         "key": issued.fingerprint,
         "file": issued.path,
         "page": issued.page,
+        "is_new": issued.is_new,
     }
 
 
@@ -276,7 +278,8 @@ def summary(result: Mapping[str, Any]) -> str:
     lines += [f"{name:<6} {path}" for name, path in result["files"].items()]
     issued = result["certificate"]
     if issued is not None:
-        lines.append(f"certificate {issued['number']}, key {issued['key']}: {issued['page']}")
+        again = "" if issued["is_new"] else ", which certifies this test already"
+        lines.append(f"certificate {issued['number']}{again}, key {issued['key']}: {issued['page']}")
     return "\n".join(lines)
 
 

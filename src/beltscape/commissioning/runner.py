@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from beltscape.commissioning import material, project_text, trial
+from beltscape.commissioning.former import list_former, set_former_aside
 from beltscape.commissioning.live import collect_complete, open_source, prove_instants
 from beltscape.commissioning.optics import assess_all
 from beltscape.commissioning.state import CommissionSettings, CommissionState
@@ -27,6 +28,7 @@ from beltscape.commissioning.steps import (
     PROJECT,
     RIG,
     SKEW,
+    TRIGGER,
     VIEWS,
     Words,
     find_capture,
@@ -133,26 +135,34 @@ class StepRun:
                 self._reporter.warn(text.removeprefix("warning: "))
 
     def _find_cameras(self) -> Facts:
-        state, settings = self._state, self._state.settings
-        if settings.source is None:
+        state = self._state
+        if state.settings.source is None:
             raise SettingsError("source: give trial, captures or cameras")
-        if settings.source == "trial":
-            state.change_settings(trial.make_trial(state))
+        names = self._list_cameras()
+        set_former_aside(state)
+        core = state.settings.core or names[0]
+        if core not in names:
+            raise SettingsError(f"core = {core!r}: no such camera; there are {', '.join(names)}")
+        if not state.settings.core:
+            state.change_settings({"core": core})
+        facts: Facts = {"cameras": len(names), "names": list(names), "core": core}
+        former = list_former(state.folder)
+        return {**facts, "set_aside": former} if former else facts
+
+    def _list_cameras(self) -> tuple[str, ...]:
+        """Return the names of the cameras, which answer or have views of the board."""
+        state, settings = self._state, self._state.settings
         if settings.source == "cameras":
             if len(settings.devices) < 2:
                 raise SettingsError("devices: name two cameras or more, such as devices.cam0=192.168.10.11")
             self._check_cameras("cameras")
-            names = tuple(settings.devices)
-        else:
-            if settings.source == "captures" and settings.captures is None:
-                raise SettingsError("captures: give the folder with calibration, empty and moving")
-            names = read_capture(state.folder / find_capture(state.settings, VIEWS)).cameras
-        core = settings.core or names[0]
-        if core not in names:
-            raise SettingsError(f"core = {core!r}: no such camera; there are {', '.join(names)}")
-        if not settings.core:
-            state.change_settings({"core": core})
-        return {"cameras": len(names), "names": list(names), "core": core}
+            return tuple(settings.devices)
+        if settings.source == "trial":
+            set_former_aside(state)
+            state.change_settings(trial.make_trial(state))
+        elif settings.captures is None:
+            raise SettingsError("captures: give the folder with calibration, empty and moving")
+        return read_capture(state.folder / find_capture(state.settings, VIEWS)).cameras
 
     def _check_cameras(self, name: str) -> Facts:
         """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
@@ -206,7 +216,7 @@ class StepRun:
         if settings.source != "cameras":
             facts: Facts = prove_instants(self._state.folder / find_capture(settings, VIEWS), settings.core)
         else:
-            _set_aside(self._state.folder / "trigger")
+            _set_aside(self._state.folder / TRIGGER)
             document = self.call_all("trigger")
             facts = {"instants": document["frames"], "incomplete": document["incomplete"],
                      "dropped": document["dropped"], "allowed_skew_ms": settings.allowed_skew_ms}  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -168,6 +168,13 @@ class CommissionSettings(_Table):
     """A material test's file that is there; it goes before ``runs``."""
 
 
+def identify_cameras(settings: CommissionSettings) -> dict[str, Any]:
+    """Return what tells one set of cameras from another, for JSON; a camera with a new address is the same one."""
+    captures = str(settings.captures) if settings.source == "captures" else ""
+    names = sorted(settings.devices) if settings.source == "cameras" else []
+    return {"source": settings.source or "", "captures": captures, "names": names}
+
+
 class CommissionState:
     """The state of a commissioning in its folder; every change is on the disk when the call returns."""
 
@@ -214,9 +221,49 @@ class CommissionState:
     def change_settings(self, changes: Mapping[str, Any]) -> None:
         """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""
         self.refresh()
-        merged = {**self._document["settings"], **_write_moments(changes)}
-        self.settings = validate_settings(merged)
+        before = self._document["settings"]
+        merged = {**before, **_write_moments(changes)}
+        settings = validate_settings(merged)
+        if self.get_record("cameras") is not None:
+            self._document.setdefault("cameras", identify_cameras(self.settings))
+        self.settings = settings
         self._document["settings"] = merged
+        if not self.has_other_cameras:
+            self._document.pop("former_settings", None)
+        else:
+            self._document.setdefault("former_settings", before)
+        self._write()
+
+    @property
+    def has_other_cameras(self) -> bool:
+        """True if the settings name other cameras than those that results were made with."""
+        return self._document.get("cameras", identify_cameras(self.settings)) != identify_cameras(self.settings)
+
+    @property
+    def former_source(self) -> str:
+        """What the cameras were that results were made with; empty where there are none."""
+        return self._document.get("cameras", {}).get("source", "")
+
+    def begin_former(self, name: str) -> str:
+        """Return the folder for what other cameras have left: the one that was begun, or ``name``."""
+        self.refresh()
+        if "former" not in self._document:
+            self._document["former"] = name
+            self._write()
+        return self._document["former"]
+
+    def format_former(self) -> str:
+        """Return the state as it was with the former cameras, for their folder."""
+        kept = {key: self._document[key] for key in ("format", "steps", "written", "cameras") if key in self._document}
+        return to_json({**kept, "settings": self._document.get("former_settings", {})}) + "\n"
+
+    def end_former(self, gone: Collection[str]) -> None:
+        """Forget the steps of other cameras, and those answers ``gone`` that have not been changed since."""
+        former = self._document.get("former_settings", {})
+        settings = self._document["settings"]
+        kept = {key: value for key, value in settings.items() if key not in gone or value != former.get(key)}
+        self.settings = validate_settings(kept)
+        self._document = {"format": FORMAT, "settings": kept, "steps": {}}
         self._write()
 
     def finish(self, step: str, result: Mapping[str, Any], inputs: Sequence[str]) -> None:
@@ -227,6 +274,8 @@ class CommissionState:
             "result": dict(result),
             "inputs": {name: _fingerprint(self.folder / name) for name in inputs},
         }
+        if step == "cameras":
+            self._document["cameras"] = identify_cameras(self.settings)
         self._write()
 
     def keep_written(self, name: str, text: str) -> None:

@@ -7,6 +7,7 @@ const FORMATS = {
   cameras: (value) => format_number(value),
   core: (value) => value,
   names: (value) => value.join(", "),
+  set_aside: (value) => value.join(", "),
   faults: (value) => value.join(", ") || t("commission.none"),
   exposure_us: (value) => list_by_camera(value),
   gain_db: (value) => list_by_camera(value),

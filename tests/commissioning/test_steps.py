@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,22 @@ def test_the_first_steps_of_the_trial_plant(plant):
     again = CommissionState(plant)  # another process
     assert find_next(again) == "calibrate"
     assert [get_status(again, step) for step in STEPS[:4]] == ["done"] * 4
+
+
+def test_captures_that_are_elsewhere_or_lack_images_are_named_with_the_fix(plant, tmp_path, capsys):
+    mine = tmp_path / "mine"
+    shutil.copytree(trial.DEMO_FOLDER / "calibration", mine / "calibration")
+    words = ["commission", str(plant), "--set", "source=captures", "--step", "cameras", "--set"]
+    for wrong in (str(mine / "calibration"), "nowhere"):
+        assert main([*words, f"captures={wrong}"]) == 2
+        line = capsys.readouterr().err
+        assert f"captures = {wrong!r}: {plant / wrong / 'calibration'} is no folder" in line
+        assert f"has calibration, empty and moving in it, absolute or from {plant}" in line
+    for path in sorted((mine / "calibration/cam3").iterdir())[:4]:
+        path.unlink()
+    assert main([*words, f"captures={mine}"]) == 0
+    with pytest.raises(InputError, match=r"4 of 13 instants lack images \(4 of cam3\): record them again; calibrating"):
+        run(plant, "trigger")
 
 
 def test_a_finished_step_is_open_again_without_its_files_and_outdated_when_they_change(plant):

@@ -162,7 +162,13 @@ class StepRun:
             state.change_settings(trial.make_trial(state))
         elif settings.captures is None:
             raise SettingsError("captures: give the folder with calibration, empty and moving")
-        return read_capture(state.folder / find_capture(state.settings, VIEWS)).cameras
+        views = state.folder / find_capture(state.settings, VIEWS)
+        if not views.is_dir():
+            raise InputError(
+                f"captures = {str(settings.captures)!r}: {views.resolve()} is no folder; give the folder that has "
+                f"{VIEWS}, {EMPTY} and {MOVING} in it, absolute or from {state.folder.resolve()}"
+            )
+        return read_capture(views).cameras
 
     def _check_cameras(self, name: str) -> Facts:
         """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
@@ -218,13 +224,11 @@ class StepRun:
         else:
             _set_aside(self._state.folder / TRIGGER)
             document = self.call_all("trigger")
-            facts = {"instants": document["frames"], "incomplete": document["incomplete"],
+            facts = {**prove_instants(self._state.folder / TRIGGER, settings.core),
+                     "instants": document["frames"], "incomplete": document["incomplete"],
                      "dropped": document["dropped"], "allowed_skew_ms": settings.allowed_skew_ms}  # fmt: skip
         if facts["incomplete"]:
-            raise InputError(
-                f"{facts['incomplete']} of {facts['instants']} instants lack a camera's image: check the trigger's "
-                "wire and the network, or allowed_skew_ms; then prove it again"
-            )
+            raise InputError(describe_incomplete(facts, settings))
         return facts
 
     def _make_board(self) -> Facts:
@@ -365,6 +369,17 @@ def require_common_instant(
                 f"{name}: its delay is known to {one['sigma_ms']:.2g} ms only, too coarse for skew_limit_ms = "
                 f"{limit:g}: swing the board faster, or give more instants"
             )
+
+
+def describe_incomplete(facts: Mapping[str, Any], settings: CommissionSettings) -> str:
+    """Return which cameras lack images, and what to do, in one line."""
+    lacking = ", ".join(f"{count} of {name}" for name, count in facts.get("lacking", {}).items())
+    fix = (
+        "check the trigger's wire and the network, or allowed_skew_ms; then prove it again"
+        if settings.source == "cameras"
+        else "record them again; calibrating does without them"
+    )
+    return f"{facts['incomplete']} of {facts['instants']} instants lack images ({lacking or 'all of some'}): {fix}"
 
 
 def describe_calibration(document: Mapping[str, Any]) -> Facts:

@@ -119,7 +119,9 @@ def read_sealed(path: Path) -> Sealed:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a certificate as it was issued"
+        ) from error
     try:
         return _parse(data, path.suffix.lower())
     except (ValueError, KeyError, TypeError) as error:
@@ -227,6 +229,8 @@ def _open_private(path: str, flags: int) -> int:
 
 def read_public_key(path: Path) -> bytes:
     """Return a public key, 32 bytes; InputError where the file holds none."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the plant's {PUBLIC_KEY}")
     try:
         key = b64decode(read_text(path).strip(), validate=True)
     except ValueError as error:

@@ -186,7 +186,11 @@ def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
     assert main(["certify", "verify", certificate["file"], "--project", project]) == 2
     assert "no longer applies; changed since: empty; repeat" in capsys.readouterr().err
     assert main(["certify", "list", project]) == 0
-    assert "changed since: empty" in capsys.readouterr().out
+    listed = capsys.readouterr().out
+    assert re.search(r"^\d{4}-0001  ended  .*changed since: empty", listed), "what has ended is not in force"
+    (folder / "data/certificates/key.pub").rename(tmp_path / "plant.pub")
+    assert main(["certify", "verify", certificate["file"], "--project", project]) == 2
+    assert "key.pub: is lost; restore it from a backup" in capsys.readouterr().err
     assert main([*words, "--valid-days", "0"]) == 2
     assert "--valid-days 0: must be above 0" in capsys.readouterr().err
     assert main([*words, "--language", "xx"]) == 2

@@ -249,7 +249,8 @@ def _run_list(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str,
                 "file": one.path,
                 "days_left": one.statement.days_left(now_ms),
                 "changed": list(one.statement.list_changed(present)),
-                "in_force": number == 0,
+                "is_newest": number == 0,
+                "in_force": number == 0 and one.statement.is_in_force(now_ms, present),
             }
             for number, one in enumerate(list_certificates(data))
         ],
@@ -287,7 +288,8 @@ def _describe_row(one: Mapping[str, Any]) -> str:
     days, changed = one["days_left"], ", ".join(one["changed"])
     state = f"{days:.0f} days left" if days >= 0 else f"expired {-days:.0f} days ago"
     state += f"; changed since: {changed}" if changed else ""
-    return f"{one['number']}  {'in force' if one['in_force'] else 'earlier '}  {state}  {one['file']}"
+    standing = "in force" if one["in_force"] else "ended   " if one["is_newest"] else "earlier "
+    return f"{one['number']}  {standing}  {state}  {one['file']}"
 
 
 def _summarise_state(result: Mapping[str, Any]) -> str:

@@ -273,6 +273,8 @@ def verify_certificate(
 def read_plant_key(data: Path) -> bytes:
     """Return the public key of a plant's data folder; InputError if it has issued no certificate."""
     path = data / FOLDER / PUBLIC_KEY
+    if not path.is_file() and find_in_force(data) is not None:
+        raise InputError(f"{path}: is lost; restore it from a backup, or give the plant's key by --key")
     if not path.is_file():
         raise InputError(
             f"{path}: no such file; this plant has issued no certificate, or give its key by --key"

@@ -174,6 +174,9 @@ def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
     assert certificate["issued_by"] == "meier"
     assert main([*words, "--issue", "--by", "meier", "--language", "de"]) == 0
     assert f"certificate {certificate['number']}, which certifies this test already" in capsys.readouterr().out
+    page = Path(certificate["page"]).read_text()
+    assert "Datensätze 301 bis 460" in page
+    assert "0,05 % + 1 kg" in page
     assert main(["certify", "verify", certificate["page"], "--project", project, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == "valid"
     assert main(["certify", "verify", certificate["page"]]) == 0

@@ -50,7 +50,9 @@ def read_all(folder: Path) -> dict[str, str]:
 
 def test_runs_and_results_of_other_cameras_are_set_aside_by_name(walked) -> None:
     runs = walked.settings.runs
-    walked.change_settings({"captures": str(walked.folder.parent / "mine"), "source": "captures", "seconds": 9})
+    walked.change_settings(
+        {"captures": str(walked.folder.parent / "mine"), "source": "captures", "seconds": 9}
+    )
     assert get_status(walked, find_step("cameras")) == "outdated"
     assert {get_status(walked, step) for step in STEPS[1:]} == {"blocked"}
     assert find_missing(walked, find_step("material")) == "cameras"
@@ -122,7 +124,9 @@ def test_the_second_change_has_a_folder_of_its_own_and_a_folder_in_use_stays(wal
 
 def test_the_same_names_are_the_same_cameras_and_others_are_not(tmp_path) -> None:
     state = CommissionState(tmp_path)
-    state.change_settings({"source": "cameras", "devices": {"cam0": "192.168.10.11", "cam1": "192.168.10.12"}})
+    state.change_settings(
+        {"source": "cameras", "devices": {"cam0": "192.168.10.11", "cam1": "192.168.10.12"}}
+    )
     state.finish("cameras", {}, ())
     state.change_settings({"devices": {"cam1": "192.168.10.22", "cam0": "192.168.10.11"}})
     assert not state.has_other_cameras, "an address is no camera"

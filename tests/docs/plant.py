@@ -31,11 +31,13 @@ def make_tested_history(folder: Path) -> None:
 
 
 def write_test_file(folder: Path) -> None:
-    """Write the material test's file of the manual, as the step writes it of an engineer's answers, unless there is one."""
+    """Write the material test's file of the manual, as the step writes it of answers, unless there is one."""
     path, page = folder / "material_test.toml", "docs/reference/certificates.md"
     if not path.is_file():
         text = (ROOT / page).read_text()
-        blocks = [one.text for one in read_blocks(page, text) if one.kind == "toml" and "[[runs]]" in one.text]
+        blocks = [
+            one.text for one in read_blocks(page, text) if one.kind == "toml" and "[[runs]]" in one.text
+        ]
         demand(blocks, f"{page}: no test's file")
         path.write_text(blocks[0])
 

@@ -189,7 +189,6 @@ class Reader:
                 make_history(self.folder / name)
         if words[0] in ("certify", "explain", "budget"):
             make_tested_history(self.folder)
-        if words[:2] == ["certify", "material"]:
             write_test_file(self.folder)
         if words[:2] == ["certify", "verify"]:  # of this year
             small[2] = str(max((self.folder / "data/certificates").glob("*.html")).relative_to(self.folder))

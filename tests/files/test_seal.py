@@ -112,7 +112,9 @@ def test_a_lost_key_is_not_replaced_by_another_one(tmp_path) -> None:
     assert read_public_key(tmp_path / "key.pub") == first, "a program was killed before it wrote it"
     kept = (tmp_path / "key.pem").read_bytes()
     (tmp_path / "key.pem").unlink()
-    with pytest.raises(InputError, match=r"key\.pem: is lost, while key\.pub is there; restore it from a backup"):
+    with pytest.raises(
+        InputError, match=r"key\.pem: is lost, while key\.pub is there; restore it from a backup"
+    ):
         open_key(tmp_path)
     assert not (tmp_path / "key.pem").exists()
     open_key(tmp_path / "other")

@@ -1,7 +1,7 @@
 """Results of other cameras, set aside in a folder of their own when images come from elsewhere.
 
-Nothing is deleted, and nothing measured by one set of cameras counts for another. The folder is a commissioning itself
-and can be gone on with. A program that is killed meanwhile goes on with the same folder.
+Nothing is deleted, and nothing measured by one set of cameras counts for another. The folder is a commissioning
+itself and can be gone on with. A program that is killed meanwhile goes on with the same folder.
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ def list_former(folder: Path) -> list[str]:
 
 def _list_answers_of_trial(state: CommissionState) -> set[str]:
     """Return the settings that the trial plant has answered, not the engineer."""
-    return {*OF_CAPTURES, "core", *(key for key, value in ANSWERS.items() if getattr(state.settings, key) == value)}
+    return {
+        *OF_CAPTURES,
+        "core",
+        *(key for key, value in ANSWERS.items() if getattr(state.settings, key) == value),
+    }
 
 
 def _list_results(state: CommissionState) -> Iterator[Path]:

@@ -210,4 +210,6 @@ def prove_instants(folder: Path, core: str) -> dict[str, Any]:
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
     lacking = {name: len(set(capture.frames) - own.keys()) for name, own in capture.files.items()}
     facts: dict[str, Any] = {"instants": len(capture.frames), "incomplete": incomplete}
-    return {**facts, "lacking": {key: count for key, count in lacking.items() if count}} if incomplete else facts
+    return (
+        {**facts, "lacking": {key: count for key, count in lacking.items() if count}} if incomplete else facts
+    )

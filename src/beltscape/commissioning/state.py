@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -16,7 +16,15 @@ from pathlib import Path
 from time import time_ns
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
@@ -33,6 +41,8 @@ from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
 from beltscape.files.toml_text import describe_fault
+from beltscape.sources.encoder.settings import EncoderSettings
+from beltscape.sources.genicam.settings import CameraEncoderSettings
 
 FILE = "commission.json"
 """Name of the file in the commissioning's folder."""
@@ -122,6 +132,22 @@ class SampleAnswer(_Table):
         return self
 
 
+def _check_as(model: type[BaseModel]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return a validator of a table that the running plant reads; it stays as it was given."""
+
+    def check(values: dict[str, Any]) -> dict[str, Any]:
+        try:
+            if values:
+                model(**values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(map(str, first["loc"]))
+            raise ValueError(f"{key}: {describe_fault(first)}" if key else describe_fault(first)) from error
+        return values
+
+    return check
+
+
 class CommissionSettings(_Table):
     """What the engineer answers; the page's forms and ``--set`` change the same."""
 
@@ -157,8 +183,10 @@ class CommissionSettings(_Table):
     plant: Annotated[str, Field(min_length=1, max_length=60)] = "belt"
     load_mm: Annotated[float, LOAD_HEIGHT] = 400.0
     density_kg_m3: Annotated[float, DENSITY] | None = None
-    encoder: dict[str, Any] = {}
+    encoder: Annotated[dict[str, Any], AfterValidator(_check_as(EncoderSettings))] = {}
     """The table [encoder] of project.toml; empty: a capture's own, or none."""
+    camera_encoder: Annotated[dict[str, Any], AfterValidator(_check_as(CameraEncoderSettings))] = {}
+    """The table [cameras.encoder], for an encoder that the core camera counts."""
     operator: _Line = ""
     reference: ReferenceAnswer = ReferenceAnswer()
     samples: SampleAnswer = SampleAnswer()
@@ -237,7 +265,9 @@ class CommissionState:
     @property
     def has_other_cameras(self) -> bool:
         """True if the settings name other cameras than those that results were made with."""
-        return self._document.get("cameras", identify_cameras(self.settings)) != identify_cameras(self.settings)
+        return self._document.get("cameras", identify_cameras(self.settings)) != identify_cameras(
+            self.settings
+        )
 
     @property
     def former_source(self) -> str:
@@ -254,7 +284,11 @@ class CommissionState:
 
     def format_former(self) -> str:
         """Return the state as it was with the former cameras, for their folder."""
-        kept = {key: self._document[key] for key in ("format", "steps", "written", "cameras") if key in self._document}
+        kept = {
+            key: self._document[key]
+            for key in ("format", "steps", "written", "cameras")
+            if key in self._document
+        }
         return to_json({**kept, "settings": self._document.get("former_settings", {})}) + "\n"
 
     def end_former(self, gone: Collection[str]) -> None:

@@ -180,8 +180,8 @@ def open_key(folder: Path) -> SealKey:
     if not path.exists():
         if public.exists():
             raise InputError(
-                f"{path}: is lost, while {PUBLIC_KEY} is there; restore it from a backup, or move {PUBLIC_KEY} away to "
-                "begin with a new key, which those who verify must get"
+                f"{path}: is lost, while {PUBLIC_KEY} is there; restore it from a backup, or move {PUBLIC_KEY} "
+                "away to begin with a new key, which those who verify must get"
             )
         return _create_key(folder)
     try:

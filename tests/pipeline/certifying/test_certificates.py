@@ -173,7 +173,9 @@ def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
     certificate = json.loads(capsys.readouterr().out)["certificate"]
     assert certificate["issued_by"] == "meier"
     assert main([*words, "--issue", "--by", "meier", "--language", "de"]) == 0
-    assert f"certificate {certificate['number']}, which certifies this test already" in capsys.readouterr().out
+    assert (
+        f"certificate {certificate['number']}, which certifies this test already" in capsys.readouterr().out
+    )
     page = Path(certificate["page"]).read_text()
     assert "Datensätze 301 bis 460" in page
     assert "0,05 % + 1 kg" in page

@@ -11,7 +11,7 @@ import json
 import os
 import threading
 from base64 import b64decode
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -107,13 +107,17 @@ def issue_certificate(data: Path, evaluated: EvaluatedTest, options: IssueOption
         key = open_key(folder)
         fingerprint = make_fingerprint(key.public_key)
         before = _find_issued(data, fingerprint, request, options.now_ms)
-        statement = before.statement if before is not None else Statement(
-            number=_find_number(folder, options.now_ms),
-            plant=options.plant,
-            issued_ms=options.now_ms,
-            expires_ms=options.now_ms + round(options.valid_days * _DAY_MS),
-            issued_by=options.by,
-            applies=dict(evaluated.document["applies"]),
+        statement = (
+            before.statement
+            if before is not None
+            else Statement(
+                number=_find_number(folder, options.now_ms),
+                plant=options.plant,
+                issued_ms=options.now_ms,
+                expires_ms=options.now_ms + round(options.valid_days * _DAY_MS),
+                issued_by=options.by,
+                applies=dict(evaluated.document["applies"]),
+            )
         )
         files = _make_files(key, statement, evaluated, options, request)
         if before is not None:
@@ -130,7 +134,9 @@ def _lock(folder: Path) -> Generator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         handle = lock_folder(folder)
     except BlockingIOError as error:
-        raise InputError(f"{folder}: another program issues a certificate; try again when it is done") from error
+        raise InputError(
+            f"{folder}: another program issues a certificate; try again when it is done"
+        ) from error
     except OSError as error:
         raise OutputError(f"{folder}: {describe_refusal(error)}") from error
     try:

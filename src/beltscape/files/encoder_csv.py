@@ -41,8 +41,8 @@ def read_encoder(path: AnyPath) -> tuple[BeltReading, ...]:
     Raises
     ------
     InputError
-        When there is no such file, a value is not a number, a frame occurs twice, times do not increase, or the belt runs back farther than
-        it rolls when it stops.
+        When there is no such file, a value is not a number, a frame occurs twice, times do not increase, or the belt
+        runs back farther than it rolls when it stops.
     """
     path = as_path(path)
     if not path.is_file():

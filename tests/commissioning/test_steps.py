@@ -51,6 +51,17 @@ def test_the_first_steps_of_the_trial_plant(plant):
     assert [get_status(again, step) for step in STEPS[:4]] == ["done"] * 4
 
 
+def test_a_file_that_is_not_there_is_named_by_its_setting(plant, capsys):
+    CommissionState(plant).change_settings({"source": "trial"})
+    run(plant, "cameras")
+    assert main(["commission", str(plant), "--set", "board.file=mine.toml", "--step", "board"]) == 2
+    line = capsys.readouterr().err
+    assert (
+        f"board.file = 'mine.toml': there is no file {plant / 'mine.toml'}; correct it, or clear it for a"
+        in line
+    )
+
+
 def test_captures_that_are_elsewhere_or_lack_images_are_named_with_the_fix(plant, tmp_path, capsys):
     mine = tmp_path / "mine"
     shutil.copytree(trial.DEMO_FOLDER / "calibration", mine / "calibration")

@@ -80,11 +80,26 @@ class StepRun:
         step = find_step(name)
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
+        self._require_files(name)
         with self._state.lock() as self._lock:
             project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
         return facts
+
+    def _require_files(self, name: str) -> None:
+        """Raise InputError with the setting that names a file of a step which is not there."""
+        settings = self._state.settings
+        key, path, instead = {
+            "board": ("board.file", settings.board.file, "for a board to print"),
+            "calibrate": ("plan", settings.plan, "for the core camera's whole view"),
+            "material": ("material_test", settings.material_test, "for the runs that were answered"),
+        }.get(name, ("", None, ""))
+        if path is not None and not (self._state.folder / path).is_file():
+            where = (self._state.folder / path).resolve()
+            raise InputError(
+                f"{key} = {str(path)!r}: there is no file {where}; correct it, or clear it {instead}"
+            )
 
     def cancel(self) -> None:
         """End the command that runs; the step stays open."""
@@ -313,6 +328,8 @@ class StepRun:
 
     def _test_material(self) -> Facts:
         state = self._state
+        if state.settings.material_test is None:
+            material.require_answers(state.settings)
         document: Any = {}
         for words in list_commands(state, "material"):
             if words[0] == "certify" and state.settings.material_test is None:

@@ -159,10 +159,12 @@ def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarra
     return edges, np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
 
 
-def compute_true_m3(state: CommissionState, run: RunAnswer) -> float:
-    """Return the true volume on the stretch of belt that a run's flow covers, m³."""
-    assert run.capture is not None, "each of the trial's runs is a capture"
-    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.load)
+def compute_true_m3(state: CommissionState, run: RunAnswer) -> float | None:
+    """Return the true volume on the stretch of belt that a run's flow covers, m³; what was answered of other runs."""
+    load = "" if run.capture is None else run.capture.name.rpartition("_")[0]
+    if run.capture is None or run.capture.parent != Path(CAPTURES) or load not in _LOADS:
+        return run.volume_m3
+    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, load)
     strips = read_json(state.folder / name_flow(run.capture) / "flow.json")["strips"]
     low, high = np.interp([strips[0]["start_mm"], strips[-1]["end_mm"]], edges, cumulated)
     return float(high - low) * 1e-9

@@ -59,7 +59,7 @@ ANSWERS = {
 """What an engineer answers; the board is small in images of a quarter of the width."""
 
 
-class Bench:
+class SceneCameras:
     """The cameras over a belt: before them stands now this, now that."""
 
     def __init__(self, folder: Path) -> None:
@@ -84,7 +84,7 @@ class Bench:
         elif step == "skew":
             self.show(swing_board())
         elif step == "empty":
-            self.show(read_pictures("belt_empty"))
+            self.show({name: add_noise(own[0]) for name, own in read_pictures("belt_empty").items()})
         elif step == "live":
             readings = read_encoder(RENDERED / "belt_moving/encoder.csv")
             counts = [round(one.belt_position_mm / MM_PER_COUNT) for one in readings]
@@ -106,6 +106,13 @@ def read_pictures(scene: str) -> dict[str, list[Image]]:
 
 def shrink(image: Image) -> Image:
     return cv2.resize(to_grey(image), SIZE_PX, interpolation=cv2.INTER_AREA).round().astype(np.uint8)
+
+
+def add_noise(image: Image) -> list[Image]:
+    """Return an image a few times with noise of a grey level: a camera that repeats one is out of order."""
+    rng = np.random.default_rng(0)
+    noisy = (image + rng.normal(0.0, 1.0, image.shape) for _ in range(RESTS))
+    return [np.clip(np.rint(one), 0, 255).astype(np.uint8) for one in noisy]
 
 
 def swing_board() -> dict[str, list[Image]]:
@@ -131,8 +138,8 @@ def swing_board() -> dict[str, list[Image]]:
 
 
 @pytest.fixture
-def bench(fake_network, tmp_path) -> Generator[Bench]:  # noqa: F811
-    cameras = Bench(tmp_path / "bench")
+def bench(fake_network, tmp_path) -> Generator[SceneCameras]:  # noqa: F811
+    cameras = SceneCameras(tmp_path / "bench")
     yield cameras
     cameras.close()
 

@@ -11,7 +11,7 @@ import pytest
 from beltscape.commissioning import trial
 from beltscape.commissioning.material import count_turns, find_zero_records, write_test
 from beltscape.commissioning.runner import StepRun
-from beltscape.commissioning.session import CommissionSession
+from beltscape.commissioning.session import CommissionSession, StepProgress
 from beltscape.commissioning.state import CommissionState, RunAnswer, ZeroAnswer
 from beltscape.commissioning.steps import STEPS, find_step, get_status
 from beltscape.core.errors import InputError, SettingsError
@@ -141,3 +141,12 @@ def test_a_run_of_the_trial_plant_s_own_loads_has_their_truth_and_any_other_its_
     for capture in (None, "trial/heap_1", "mine/rocks_1"):
         run = RunAnswer.model_validate({"load": "rocks", "capture": capture, "volume_m3": 0.5})
         assert trial.compute_true_m3(state, run) == 0.5
+
+
+def test_the_page_shows_the_first_warnings_and_that_there_are_more() -> None:
+    progress = StepProgress()
+    for number in [*range(40), *range(40)]:
+        progress.warn(f"frame {number}: the same image again")
+    assert len(progress.warnings) == 21
+    assert progress.warnings[19] == "frame 19: the same image again"
+    assert "in the terminal" in progress.warnings[20]

@@ -45,7 +45,7 @@ ANSWERS = {
     "frames_per_s": RATE_HZ,
     "packet_size": 9000,
     "allowed_skew_ms": 45,
-    "instants": 2 * SWINGS,
+    "instants": 12,
     "skew_limit_ms": 60,
     "belt_mm_s": 800,
     "seconds": 6,
@@ -57,6 +57,8 @@ ANSWERS = {
     "camera_encoder": {"feature": COUNTER, "mm_per_count": MM_PER_COUNT},
 }
 """What an engineer answers; the board is small in images of a quarter of the width."""
+LONGER = {"instants": 2 * SWINGS}
+"""What is answered before the board is swung."""
 
 
 class SceneCameras:
@@ -170,6 +172,8 @@ def test_from_bare_cameras_to_the_live_test_in_the_terminal(bench, tmp_path, cap
         bench.show_for(step)
         if step == "cameras":
             CommissionState(plant).change_settings({**ANSWERS, "devices": bench.devices})
+        elif step == "skew":
+            CommissionState(plant).change_settings(LONGER)
         code = main(["commission", str(plant), "--step", step])
         assert code == 0, (step, capsys.readouterr().err)
     check_live(plant)
@@ -191,6 +195,8 @@ def test_from_bare_cameras_to_the_live_test_on_the_page(bench, tmp_path) -> None
                 if step != "cameras":
                     hand.press("#do-next")
                     bench.show_for(step)
+                if step == "skew":
+                    hand.write('[name="instants"]', str(LONGER["instants"]))
                 if step == "calibrate":
                     hand.press("#views-start")
                     wait(lambda: (served.read()["views"] or {}).get("is_enough"), "the views are enough")

@@ -215,7 +215,8 @@ def test_preview_of_a_simulation_shows_every_image_and_the_depth() -> None:
 
 
 def test_ticks_have_the_decimal_mark_of_the_language():
-    figure, (axis,) = make_panels(1, WIDE)
+    panels: tuple[Any, list[Any]] = make_panels(1, WIDE)
+    figure, (axis,) = panels
     axis.barh([0, 1], [0.25, 0.5])
     axis.set_yticks([0, 1], ["v. 1", "v. 2"])
     use_decimal_mark([axis], ",")

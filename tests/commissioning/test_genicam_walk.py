@@ -33,7 +33,7 @@ from tests.synthetic.demo import DEMO
 pytestmark = [needs_rendered, pytest.mark.thorough, pytest.mark.cameras]  # each walk takes minutes
 CAMERAS = ("cam0", "cam1", "cam2")
 SIZE_PX = (306, 256)
-RATE_HZ, RESTS = 8.0, 8
+RATE_HZ, RESTS = 8.0, 16
 """Frame sets a second, five of which a swing is fitted from in 0.8 s; and how many a view of the board stays."""
 EXPOSURE_US, MM_PER_COUNT = 1000.0, 0.1
 SWINGS = 24
@@ -113,7 +113,7 @@ def shrink(image: Image) -> Image:
 def add_noise(image: Image) -> list[Image]:
     """Return an image a few times with noise of a grey level: a camera that repeats one is out of order."""
     rng = np.random.default_rng(0)
-    noisy = (image + rng.normal(0.0, 1.0, image.shape) for _ in range(RESTS))
+    noisy = (image + rng.normal(0.0, 1.0, image.shape) for _ in range(8))
     return [np.clip(np.rint(one), 0, 255).astype(np.uint8) for one in noisy]
 
 

@@ -85,7 +85,7 @@ function create_encoder({ encoder, camera_encoder }) {
   const kinds = create_element("select", { "data-encoder": "kind", on: { change: show_encoder } }, ...Object.keys(ENCODERS).map((kind) => create_element("option", { value: kind, selected: kind === wanted }, t(`commission.encoder.${kind}`))));
   const keys = Object.entries(ENCODER_KEYS).map(([key, kind]) => create_element("label", {}, t(`commission.field.encoder_${key}`), create_element("input", { type: kind, step: kind === "number" ? "any" : null, "data-encoder": key, value: present[key] ?? null, autocomplete: "off" })));
   setTimeout(show_encoder);
-  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.field.encoder")), create_element("div", { class: "form" }, create_element("label", {}, t("commission.field.encoder_kind"), kinds), ...keys));
+  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.field.encoder")), create_element("div", { class: "form" }, create_element("label", { class: "wide" }, t("commission.field.encoder_kind"), kinds), ...keys));
 }
 
 function show_encoder() {

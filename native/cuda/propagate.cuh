@@ -75,7 +75,8 @@ extern "C" __global__ void propagate_candidates(
     const float* s, const float* slope_u, const float* slope_v, const float* core, const float* level,
     const unsigned char* active, int width, int height, const float* views, const unsigned long long* images,
     const unsigned long long* buffers, const int* sizes, int view_count, const int* offsets, int offset_count,
-    int candidates, float separation, float floor, float unseen_cost, float tolerance, float* places) {
+    int candidates, float separation, const float* least_variance, float unseen_cost, float tolerance,
+    float* places) {
     BELTSCAPE_SHARED(float, own_core, kSampled);
     BELTSCAPE_SHARED(float, given, kSampled);
     BELTSCAPE_SHARED(float, grey, kSampled);
@@ -95,6 +96,7 @@ extern "C" __global__ void propagate_candidates(
                            clamp(left - 1 + i % kSampledWidth, 0, width - 1)] -
                       level[0];
     const bool any_active = any_of_tile(is_active, flags);
+    const float floor = *least_variance;
     const CoreWindow<float> window = core_window_at(own_core, first, floor);
     const size_t field = candidates * pixels;
     float* const own = places + (exists ? pixel : 0);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
@@ -286,16 +285,3 @@ def test_a_frame_that_exceeds_the_memory_is_computed_by_the_processor(tiny):
     with pytest.warns(RuntimeWarning, match="exceed the bound of 0 MB"):
         found = reconstruct(tiny, kernels)
     assert same_bytes(found, reconstruct(tiny, load(first_alike("emulated"))))
-
-
-def test_two_frames_in_flight_are_each_the_same_as_alone(tiny):
-    device = EmulatedDevice(3)
-    kernels = Kernels(backend_on(device))
-    alone = reconstruct(tiny, Kernels(backend_on(EmulatedDevice())))
-    with ThreadPoolExecutor(2) as pool:
-        for found in pool.map(lambda _: reconstruct(tiny, kernels), range(4)):
-            assert same_bytes(found, alone)
-    gc.collect()
-    device.constants.clear()
-    device.memory.trim()
-    assert device.memory.in_use == 0

@@ -88,6 +88,16 @@ class Kernels(
         keep: Callable[[Kept], Kept] | None = getattr(self.backend, "keep", None)
         return keep(array) if keep else array
 
+    def replay(self, function: Callable[..., Result], *given: Any) -> Result:
+        """Return ``function(*given)``; a GPU records its launches at the first call and then runs them as one graph.
+
+        ``function`` stands in a module and depends on its arguments alone, and so do its launches: on their shapes,
+        and on what is no array. Of numbers, only those of `beltscape.kernels.backend.FrameNumbers` may differ from
+        frame to frame. Whatever the processor needs to know of a result is read outside.
+        """
+        replay: Callable[..., Result] | None = getattr(self.backend, "replay", None)
+        return replay(function, given) if replay else function(*given)
+
     def choose_pixels(self, on_processor: int) -> int:
         """Return how many pixels a call should take together, for a number that suits a processor's caches."""
         return int(getattr(self.backend, "pixels_at_once", on_processor))

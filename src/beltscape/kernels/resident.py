@@ -144,6 +144,11 @@ class ResidentArray(NDArrayOperatorsMixin):
         return prod(self._value.shape)
 
     @property
+    def identity(self) -> int:
+        """The same for arrays that are the same one."""
+        return id(self._value)
+
+    @property
     def operations(self) -> ResidentOperations | None:
         """The back end that computes with it; None for an array that was kept without one."""
         return self._value.operations
@@ -156,6 +161,19 @@ class ResidentArray(NDArrayOperatorsMixin):
             if value.device is None:
                 value.device = upload(value.read())
             return value.device
+
+    def find_on_device(self) -> Any:
+        """Return the array of the device, computed where it is an expression; None where only the processor has it."""
+        value = self._value
+        with value.lock:
+            value.compute()
+            return value.device
+
+    def adopt(self, array: Any) -> None:
+        """Note the copy on the device that another made of the processor's array."""
+        with self._value.lock:
+            if self._value.device is None:
+                self._value.device = array
 
     def on_host(self) -> NDArray[Any]:
         """Return the array of the processor, read-only, computed and downloaded at the first call."""

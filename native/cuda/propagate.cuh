@@ -71,12 +71,14 @@ __device__ inline void clear_candidates(const CandidatePlaces& places, const Can
 
 // Surface, core and active (height, width), offsets (offset_count, 2) of which the first is (0, 0), places
 // (4, candidates, height, width): s, cost, slope_u, slope_v.
-extern "C" __global__ void propagate_candidates(
-    const float* s, const float* slope_u, const float* slope_v, const float* core, const float* level,
-    const unsigned char* active, int width, int height, const float* views, const unsigned long long* images,
-    const unsigned long long* buffers, const int* sizes, int view_count, const int* offsets, int offset_count,
-    int candidates, float separation, const float* least_variance, float unseen_cost, float tolerance,
-    float* places) {
+extern "C" __global__ void propagate_candidates(const float* s, const float* slope_u, const float* slope_v,
+                                                const float* core, const float* level,
+                                                const unsigned char* active, int width, int height,
+                                                const float* views, const unsigned long long* images,
+                                                const unsigned long long* buffers, const int* sizes,
+                                                int view_count, const int* offsets, int offset_count,
+                                                int candidates, float separation, const float* least_variance,
+                                                float unseen_cost, float tolerance, float* places) {
     BELTSCAPE_SHARED(float, own_core, kSampled);
     BELTSCAPE_SHARED(float, given, kSampled);
     BELTSCAPE_SHARED(float, grey, kSampled);

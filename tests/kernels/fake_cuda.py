@@ -189,7 +189,9 @@ def install(monkeypatch: Any, gpu: FakeGpu) -> None:
         return 0, FREE_BYTES, 2 * FREE_BYTES
 
     core = SimpleNamespace(Device=Device, LaunchConfig=LaunchConfig, launch=gpu.launch)
-    driver = SimpleNamespace(cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy, cuMemcpyDtoDAsync=copy, cuMemGetInfo=count_free)
+    driver = SimpleNamespace(
+        cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy, cuMemcpyDtoDAsync=copy, cuMemGetInfo=count_free
+    )
     monkeypatch.setitem(sys.modules, "cuda.core", core)
     monkeypatch.setitem(sys.modules, "cuda.bindings", SimpleNamespace(driver=driver))
     back_end = "beltscape.kernels.cuda.cuda_device"

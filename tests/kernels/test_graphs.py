@@ -132,7 +132,9 @@ def test_a_result_is_read_where_it_lies_and_an_argument_given_twice_is_not_two()
     for seed in range(3):
         same, other = kernels.keep(image(seed)), kernels.keep(image(9 + seed))
         for second in (same, other):
-            found = kernels.replay(twice, kernels.replay(smooth, same, Levels(2.0), kernels)[0]["mean"], second)
+            found = kernels.replay(
+                twice, kernels.replay(smooth, same, Levels(2.0), kernels)[0]["mean"], second
+            )
             mean = np.asarray(kernels.average_windows(image(seed), (3, 3)))
             expected = np.asarray(kernels.find_extremes(mean, (3, 3), largest=True)) - np.asarray(second)
             assert np.asarray(found).tobytes() == expected.tobytes()

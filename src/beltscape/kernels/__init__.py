@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.backend import gpu_failures
+from beltscape.kernels.backend import FrameNumbers, gpu_failures
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.memory import DeviceError
 from beltscape.kernels.geometry import (
@@ -34,7 +34,7 @@ from beltscape.kernels.planes import PixelKernels, PlaneKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["Kernels", "gpu_failures", "kernels_on_gpu", "load"]
+__all__ = ["FrameNumbers", "Kernels", "gpu_failures", "kernels_on_gpu", "load"]
 
 Result = TypeVar("Result")
 Kept = TypeVar("Kept", bound=NDArray[Any])

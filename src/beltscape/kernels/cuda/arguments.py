@@ -19,8 +19,9 @@ from beltscape.kernels.backend import FrameNumbers, KernelFamily
 from beltscape.kernels.resident import ResidentArray
 
 MOST_FIXED_BYTES = 4096
-"""Of an array of the processor whose content is part of the key, such as packed projections; larger ones are given."""
+"""Of an array of the processor whose content is part of the key, such as projections; larger ones are given."""
 
+_SEQUENCES: tuple[type, ...] = list, tuple
 SlotKind = Literal["computed", "argument", "number", "kernels"]
 
 
@@ -33,7 +34,7 @@ class Given:
     numbers: list[Any] = field(default_factory=list)
     """Floats of records of `beltscape.kernels.backend.FrameNumbers`."""
     kernels: list[Any] = field(default_factory=list)
-    kept: list[Any] = field(default_factory=list)
+    retained: list[Any] = field(default_factory=list)
     """Objects that the key knows by their identity: they must live as long as the key."""
 
 
@@ -46,13 +47,13 @@ def describe(value: Any, given: Given) -> Hashable:
     if isinstance(value, KernelFamily):
         given.kernels.append(value)
         return type(value)
-    if isinstance(value, list | tuple):
+    if isinstance(value, _SEQUENCES):
         return type(value), *(describe(each, given) for each in value)
     if isinstance(value, Mapping):
         return type(value), *((name, describe(each, given)) for name, each in value.items())
     if is_dataclass(value) and not isinstance(value, Rig | type):
         return type(value), *(_describe_field(value, each.name, given) for each in fields(value))
-    given.kept.append(value)
+    given.retained.append(value)
     return type(value), id(value)
 
 
@@ -108,7 +109,7 @@ def rebuild(value: Any, replace: Replacements) -> Any:
         return replace.array(value)
     if isinstance(value, KernelFamily):
         return replace.kernels(value)
-    if isinstance(value, list | tuple):
+    if isinstance(value, _SEQUENCES):
         parts = [rebuild(each, replace) for each in value]
         return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
     if isinstance(value, Mapping):

@@ -24,12 +24,12 @@ from beltscape.kernels.cuda.device import GpuDevice, Launch
 from beltscape.kernels.cuda.memory import DeviceArray, MemoryBlock, MemoryExceededError
 from beltscape.kernels.cuda.recording import (
     ArrayReference,
+    LaunchRecorder,
     NotRecordableError,
-    Recorder,
     RecordingWorkspace,
     refer,
 )
-from beltscape.kernels.cuda.storage import Stretch, align, find_input, plan_storage
+from beltscape.kernels.cuda.storage import RecordedFunction, align, find_input, plan_storage
 from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
 from beltscape.kernels.resident import ResidentArray
 
@@ -53,7 +53,12 @@ class Graph:
     """A recorded stretch with memory of its own."""
 
     def __init__(
-        self, device: GpuDevice, work: Workspace, stretch: Stretch, arrays: Sequence[Any], scratch: Scratch
+        self,
+        device: GpuDevice,
+        work: Workspace,
+        stretch: RecordedFunction,
+        arrays: Sequence[Any],
+        scratch: Scratch,
     ) -> None:
         self.stretch = stretch
         self.is_busy = True
@@ -69,7 +74,9 @@ class Graph:
         self.own = device.memory.take(self._lay_out())
         """Memory of arguments and results."""
         self._table = work.allocate((max(1, stretch.storage.table_items),), np.uint64)
-        self.executable = device.make_graph([self._resolve_launch(each) for each in stretch.recording.launches])
+        self.executable = device.make_graph(
+            [self._resolve_launch(each) for each in stretch.recording.launches]
+        )
         work.copy_to(self._list_addresses(), self._table)
 
     def fits(self, arrays: Sequence[Any]) -> bool:
@@ -183,7 +190,7 @@ class GraphCache:
         self.counts = GraphCounts()
         self._device = device
         self._traffic = traffic
-        self._stretches: dict[Hashable, Stretch | None] = {}
+        self._stretches: dict[Hashable, RecordedFunction | None] = {}
         """None for a function that cannot be recorded."""
         self._graphs: dict[Hashable, list[Graph]] = {}
         """Those that were used last stand last."""
@@ -211,7 +218,11 @@ class GraphCache:
 
         def find(reference: ArrayReference) -> DeviceArray:
             array = graph.resolve(reference)
-            return DeviceArray(lease, array.shape, array.dtype, array.offset) if array.block is graph.own else array
+            return (
+                DeviceArray(lease, array.shape, array.dtype, array.offset)
+                if array.block is graph.own
+                else array
+            )
 
         return _fill_result(stretch.result, resident, found, find)
 
@@ -238,7 +249,7 @@ class GraphCache:
         stretch = result = None
         blocks: dict[int, DeviceArray] = {}
         with open_workspace(self._device, self._traffic, RecordingWorkspace) as work:
-            recorder = Recorder(resident, work)
+            recorder = LaunchRecorder(resident, work)
             inputs = _separate(found.arrays, arrays, work)
             numbers = work.copy_argument(np.array([*found.numbers, 0], np.float32))
             try:
@@ -249,7 +260,9 @@ class GraphCache:
             else:
                 references = [refer(each) for each in inputs]
                 storage = plan_storage(work.recording, references, map(refer, blocks.values()))
-                stretch = Stretch(work.recording, references, refer(numbers), result, found.kept, storage)
+                stretch = RecordedFunction(
+                    work.recording, references, refer(numbers), result, found.retained, storage
+                )
         self._note(key, stretch)
         if stretch is None:
             return function(*given)
@@ -260,7 +273,7 @@ class GraphCache:
 
         return _fill_result(result, resident, found, find)
 
-    def _note(self, key: Hashable, stretch: Stretch | None) -> None:
+    def _note(self, key: Hashable, stretch: RecordedFunction | None) -> None:
         """Note a recording; all are dropped where they are too many, because what is recorded changes for good."""
         if len(self._stretches) >= MOST_RECORDINGS:
             self.clear()
@@ -268,7 +281,7 @@ class GraphCache:
             self._stretches[key] = stretch
             self.counts.recorded += stretch is not None
 
-    def _take(self, key: Hashable, stretch: Stretch, arrays: Sequence[Any]) -> Graph | None:
+    def _take(self, key: Hashable, stretch: RecordedFunction, arrays: Sequence[Any]) -> Graph | None:
         """Return a graph that is free, a new one if need be; None where there is no memory for it."""
         with self._lock:
             graphs = self._graphs.get(key, [])
@@ -333,7 +346,7 @@ def _separate(
 
 
 def _replace_given(
-    given: Sequence[Any], recorder: Recorder, inputs: Sequence[DeviceArray], numbers: DeviceArray
+    given: Sequence[Any], recorder: LaunchRecorder, inputs: Sequence[DeviceArray], numbers: DeviceArray
 ) -> list[Any]:
     """Return the arguments with arrays, numbers and kernels that are recorded."""
     arrays = iter(inputs)
@@ -348,7 +361,7 @@ def _replace_given(
 
 def _make_slots(
     result: Any,
-    recorder: Recorder,
+    recorder: LaunchRecorder,
     inputs: Sequence[DeviceArray],
     numbers: DeviceArray,
     blocks: dict[int, DeviceArray],
@@ -402,4 +415,3 @@ def _fill_result(
         return ResidentArray.from_device(array, resident)
 
     return fill(result, of_slot)
-

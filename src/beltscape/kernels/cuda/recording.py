@@ -48,7 +48,7 @@ def refer(array: DeviceArray) -> ArrayReference:
 
 
 @dataclass
-class Recording:
+class LaunchList:
     """The launches of a function, and what their arrays are."""
 
     launches: list[Launch] = field(default_factory=list)
@@ -74,7 +74,7 @@ class RecordingWorkspace(Workspace):
 
     def __init__(self, device: GpuDevice, stream: Any, traffic: Traffic) -> None:
         super().__init__(device, stream, traffic)
-        self.recording = Recording()
+        self.recording = LaunchList()
 
     def copy_argument(self, source: NDArray[Any] | DeviceArray) -> DeviceArray:
         """Return a copy of an array that the function is given."""
@@ -118,7 +118,7 @@ class RecordingWorkspace(Workspace):
         return found
 
 
-class Recorder:
+class LaunchRecorder:
     """Kernels that run and are recorded; what `beltscape.kernels.resident.ResidentOperations` asks for."""
 
     def __init__(self, resident: Any, work: RecordingWorkspace) -> None:
@@ -147,7 +147,8 @@ class Recorder:
         """Compute the expressions among a kernel's input, which are launches of their own."""
         if isinstance(value, ResidentArray):
             value.on_device(self.upload)
-        elif isinstance(value, list | tuple):
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            each: Any
             for each in value:
                 self._compute(each)
 

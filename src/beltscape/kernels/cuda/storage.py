@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from beltscape.kernels.cuda.recording import ArrayReference, Recording
+from beltscape.kernels.cuda.recording import ArrayReference, LaunchList
 
 _ALIGNMENT = 256
 """Bytes of which every array's address is a multiple: as a GPU's own allocations."""
@@ -34,26 +34,26 @@ class Storage:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RecordedFunction:
     """A recorded function."""
 
-    recording: Recording
+    recording: LaunchList
     inputs: list[ArrayReference]
     """The arrays that it was given."""
     numbers: ArrayReference
     """(n,) the numbers that it was given."""
     result: Any
     """What it returned, with a slot in the place of every array, number and kernels."""
-    kept: list[Any]
+    retained: list[Any]
     """See `beltscape.kernels.cuda.arguments.Given`."""
     storage: Storage
 
 
 def plan_storage(
-    recording: Recording, inputs: Sequence[ArrayReference], outputs: Iterable[ArrayReference]
+    recording: LaunchList, inputs: Sequence[ArrayReference], outputs: Iterable[ArrayReference]
 ) -> Storage:
     """Return the places of a recording's arrays; those of ``outputs`` are its results."""
-    kept = {each.serial: recording.sizes[each.serial] for each in outputs}
+    retained = {each.serial: recording.sizes[each.serial] for each in outputs}
     lives: dict[int, tuple[int, int]] = {}
     used = [False] * len(inputs)
     for number, launch in enumerate(recording.launches):
@@ -67,9 +67,11 @@ def plan_storage(
     tables, items = dict[int, int](), 0
     for serial, references in recording.tables.items():
         tables[serial], items = items, items + len(references)
-    lives = {serial: life for serial, life in lives.items() if serial not in kept and serial not in tables}
+    lives = {
+        serial: life for serial, life in lives.items() if serial not in retained and serial not in tables
+    }
     places, size = place_in_turn(lives, recording.sizes)
-    return Storage(size, places, kept, used, tables, items)
+    return Storage(size, places, retained, used, tables, items)
 
 
 def place_in_turn(lives: dict[int, tuple[int, int]], sizes: dict[int, int]) -> tuple[dict[int, int], int]:
@@ -96,7 +98,9 @@ def place_in_turn(lives: dict[int, tuple[int, int]], sizes: dict[int, int]) -> t
 def find_input(inputs: Sequence[ArrayReference], reference: ArrayReference) -> int | None:
     """Return which argument an array is part of; None for none."""
     for index, each in enumerate(inputs):
-        if each.serial == reference.serial and each.offset <= reference.offset < each.offset + max(1, each.nbytes):
+        if each.serial == reference.serial and each.offset <= reference.offset < each.offset + max(
+            1, each.nbytes
+        ):
             return index
     return None
 

@@ -95,7 +95,7 @@ def _select_on_device(selector: CandidateSelector) -> Selection:
 
 
 def _select_at(selector: CandidateSelector, pixels: Pixels, selected: list[Floats]) -> list[Floats]:
-    """Return s, both slopes and the initial confidence (H, W) with those of the candidates selected at some pixels."""
+    """Return s, its slopes and the initial confidence (H, W) with those of selected candidates at some pixels."""
     kernels = PixelKernels(selector.consistency.prepared.context.kernels.backend)
     candidates, features = selector.find_candidates(pixels)
     logits = selector.compute_logits(candidates, features)

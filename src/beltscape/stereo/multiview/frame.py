@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.kernels import Kernels
-from beltscape.kernels.backend import FrameNumbers
+from beltscape.kernels import FrameNumbers, Kernels
 from beltscape.kernels.planes import average_blocks
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
@@ -237,7 +236,7 @@ def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
 
 
 def _halve_levels(prepared: PreparedFrame) -> tuple[PreparedFrame, NDArray[np.float32]]:
-    """Return the frame on a grid of half the width and height, with the larger one's noise, and its core without NaN."""
+    """Return the frame on a grid of half the width and height, with the larger noise, and its core without NaN."""
     context = prepared.context.halve()
     core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
     valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)

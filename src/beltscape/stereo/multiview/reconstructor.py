@@ -136,10 +136,8 @@ class MultiviewReconstructor:
 
     def solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
         """Return the surface after the last iteration."""
-        settings = self.settings
-        return prepared.context.kernels.replay(
-            _iterate_finally, surface, prepared, settings.final_tolerance_px, settings.twicing
-        )
+        iterate = _iterate_with_twicing if self.settings.twicing else _iterate
+        return prepared.context.kernels.replay(iterate, surface, prepared, self.settings.final_tolerance_px)
 
 
 def _compute_selection_planes(state: MatcherState) -> dict[str, Floats]:
@@ -148,16 +146,16 @@ def _compute_selection_planes(state: MatcherState) -> dict[str, Floats]:
     return {name: planes[name] for name in PIXEL_FEATURES}
 
 
-def _iterate_finally(
-    surface: Surface,
-    prepared: PreparedFrame,
-    tolerance_px: float,
-    twicing: bool,  # noqa: FBT001
+def _iterate(surface: Surface, prepared: PreparedFrame, tolerance_px: float) -> LeastSquaresResult:
+    """Return the surface after the last iteration."""
+    return solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)
+
+
+def _iterate_with_twicing(
+    surface: Surface, prepared: PreparedFrame, tolerance_px: float
 ) -> LeastSquaresResult:
-    """Return the surface after the last iteration, with its flattening corrected where that is wanted."""
-    solution = solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)
-    if not twicing:
-        return solution
+    """Return the surface after the last iteration, with its flattening corrected."""
+    solution = _iterate(surface, prepared, tolerance_px)
     return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
 
 

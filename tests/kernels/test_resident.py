@@ -251,6 +251,7 @@ def test_a_frame_is_that_of_the_processor_and_can_be_changed(tiny, preset):
     for each in (found.depth_mm, found.sigma_mm, found.confidence, found.views):
         assert type(each) is np.ndarray
         assert each.flags.writeable
+    assert all(image.flags.writeable for image in tiny[1].images.values())
 
 
 def test_a_frame_copies_less_than_its_kernels_arrays(tiny):

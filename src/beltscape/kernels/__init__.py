@@ -83,6 +83,11 @@ class Kernels(
                 resident.give_up(error)
         return job(self)
 
+    @property
+    def is_resident(self) -> bool:
+        """Whether results stay on a GPU."""
+        return hasattr(self.backend, "keep")
+
     def keep(self, array: Kept) -> Kept:
         """Return an array for several kernels: itself, or one that is copied to the GPU once and is read-only."""
         keep: Callable[[Kept], Kept] | None = getattr(self.backend, "keep", None)

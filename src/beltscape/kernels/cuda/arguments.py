@@ -64,9 +64,16 @@ def _describe_array(array: Any, given: Given) -> Hashable:
     return array.dtype.str, array.shape
 
 
+def _is_number(value: Any) -> bool:
+    """Return whether a record's value is a number, one on the device, or the slot of one."""
+    if isinstance(value, ResidentArray):
+        return value.shape == ()
+    return isinstance(value, float) or (isinstance(value, Slot) and value.kind == "number")
+
+
 def _describe_field(record: Any, name: str, given: Given) -> Hashable:
     value = getattr(record, name)
-    if isinstance(record, FrameNumbers) and isinstance(value, float | ResidentArray):
+    if isinstance(record, FrameNumbers) and _is_number(value):
         given.numbers.append(value)
         return "a number"
     return describe(value, given)
@@ -124,7 +131,7 @@ def _rebuild_record(record: Any, replace: Replacements) -> Any:
     changed = copy(record)
     for each in fields(record):
         value = getattr(record, each.name)
-        if isinstance(record, FrameNumbers) and isinstance(value, float | ResidentArray | Slot):
+        if isinstance(record, FrameNumbers) and _is_number(value):
             new = replace.number(value)
         else:
             new = rebuild(value, replace)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import FrameNumbers, Kernels
-from beltscape.kernels.planes import average_blocks
+from beltscape.kernels.planes import average_blocks, to_single
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
-    compute_grey_levels,
+    compute_levels_and_gains,
     compute_local_variance,
     estimate_noise_variance,
     match_defocus,
@@ -190,33 +191,56 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     rig, auxiliaries, step = context.rig, context.auxiliaries, context.step
     kernels, threads = context.kernels, context.threads
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
-    levels = compute_grey_levels(images, rig.core, threads)
+    taken, gains = compute_levels_and_gains(images, rig.core, threads)
+    levels = taken
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = {name: downsample(level, step) for name, level in levels.items()}
     levels = match_defocus(rig.core, levels, threads)
     core = levels[rig.core]
     noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
     own_view = pack_projection(rig, rig.core, context.inverse_depth_scale, step, step)
-    images = tuple(kernels.keep(levels[name]) for name in auxiliaries)
-    return kernels.replay(_place_on_grid, kernels.keep(core), images, own_view, noise, context)
+    given: dict[str, NDArray[np.float32] | ByteLevels] = {}
+    for name, level in levels.items():
+        image: NDArray[Any] = images[name]
+        is_as_taken = level is taken[name] and image.ndim == 2 and image.dtype == np.uint8
+        if kernels.is_resident and is_as_taken:
+            given[name] = ByteLevels(kernels.keep(image.view()), gains[name])  # the view becomes read-only
+        else:
+            given[name] = kernels.keep(level)
+    others = tuple(given[name] for name in auxiliaries)
+    return kernels.replay(_place_on_grid, given[rig.core], others, own_view, noise, context)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByteLevels(FrameNumbers):
+    """The levels of an image of bytes, which are a quarter of them to copy to a GPU."""
+
+    image: NDArray[np.uint8]
+    """(H, W)"""
+    gain: float
+
+    def compute(self) -> NDArray[np.float32]:
+        """Return the levels (H, W)."""
+        return self.image.astype(np.float32) * to_single(self.gain)
 
 
 def _place_on_grid(
-    core: NDArray[np.float32],
-    images: tuple[NDArray[np.float32], ...],
+    core: NDArray[np.float32] | ByteLevels,
+    images: tuple[NDArray[np.float32] | ByteLevels, ...],
     own_view: NDArray[np.float32],
     noise: Noise,
     context: MatchContext,
 ) -> PreparedFrame:
     """Return the frame of levels on the grid of ``context``; ``own_view`` (39,) is the core's own projection."""
     kernels, threads = context.kernels, context.threads
+    core, *others = (each.compute() if isinstance(each, ByteLevels) else each for each in (core, *images))
     coefficients = kernels.spline_coefficients(core, threads=threads)
     s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
     undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
     return PreparedFrame(
         core=undistorted.astype(np.float32, copy=False),
-        images=images,
-        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in images),
+        images=tuple(others),
+        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in others),
         views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
         noise=noise,
         context=context,

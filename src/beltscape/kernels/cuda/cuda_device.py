@@ -163,6 +163,12 @@ class CudaDevice:
         with _as_device_error():
             graph.launch(stream)
 
+    def finish(self, events: Sequence[Any]) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        with _as_device_error():
+            for event in events:
+                event.sync()
+
     def record(self, stream: Any) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
         with _as_device_error():
@@ -194,9 +200,8 @@ class CudaDevice:
         return memory
 
     def _free(self, memory: CudaMemory, events: list[Any]) -> None:
+        self.finish(events)
         with _as_device_error():
-            for event in events:
-                event.sync()
             memory.buffer.close(self._memory_stream)
 
     def _kernel(self, name: str) -> Any:

@@ -71,6 +71,10 @@ class GpuDevice(Protocol):
         """Run all launches of a graph."""
         ...
 
+    def finish(self, events: Sequence[Any]) -> None:
+        """Wait on the processor for events."""
+        ...
+
     def record(self, stream: Any) -> Any:
         """Return an event after all that the stream was given."""
         ...

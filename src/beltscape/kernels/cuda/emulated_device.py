@@ -121,6 +121,9 @@ class EmulatedDevice:
         for each in graph:
             self.launch(stream, *each)
 
+    def finish(self, events: Sequence[Any]) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+
     def record(self, stream: Any) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
         self._require_open(stream)

@@ -12,6 +12,7 @@ memory. Intermediate results of graphs that run one after the other share their 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.cuda.arguments import Given, Replacements, Slot, describe, fill, rebuild
 from beltscape.kernels.cuda.device import GpuDevice, Launch
-from beltscape.kernels.cuda.memory import DeviceArray, MemoryBlock, MemoryExceededError
+from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryBlock, MemoryExceededError
 from beltscape.kernels.cuda.recording import (
     ArrayReference,
     LaunchRecorder,
@@ -113,8 +114,10 @@ class Graph:
         work.launch_graph(self.executable)
         return lease
 
-    def drop(self) -> None:
-        """Let the next users of its constants' memory wait for it."""
+    def drop(self, device: GpuDevice) -> None:
+        """Wait until it has run, and let the next users of its constants' memory do so."""
+        with suppress(DeviceError):  # a lost device runs nothing
+            device.finish(list(self.own.events.values()))
         for each in self.stretch.recording.constants.values():
             each.block.events.update(self.own.events)
 
@@ -239,7 +242,7 @@ class GraphCache:
             self._graphs.clear()
             self._scratch.clear()
         for graph in graphs:
-            graph.drop()
+            graph.drop(self._device)
 
     def _record(
         self, resident: Any, key: Hashable, function: Callable[..., Any], given: Sequence[Any], found: Given
@@ -302,7 +305,7 @@ class GraphCache:
             self.counts.made += 1
             dropped = self._drop_oldest()
         for each in dropped:
-            each.drop()
+            each.drop(self._device)
         return graph
 
     def _take_scratch(self, number: int, size: int) -> Scratch:

@@ -158,6 +158,15 @@ def test_a_machine_without_a_usable_gpu_is_named(gpu):
     )
 
 
+def test_a_machine_without_a_driver_is_named(gpu, monkeypatch):
+    def find_driver(number):
+        raise RuntimeError('"cuda" is an NVIDIA driver library')
+
+    monkeypatch.setattr(sys.modules["cuda.core"], "Device", find_driver)
+    with pytest.raises(KernelError, match="^there is no usable GPU: .* install Nvidia's driver$"):
+        CudaDevice()
+
+
 def test_doctor_says_which_kernels_run_on_the_gpu(gpu):
     found = check_kernels()
     assert found.state == "ok"

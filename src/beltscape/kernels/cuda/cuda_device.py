@@ -94,8 +94,8 @@ class CudaDevice:
         from cuda.core import Device
 
         self.name = "cuda"
-        self._device = Device(number)
         try:
+            self._device = Device(number)  # which looks for the driver
             self._device.set_current()
             self.model: str = self._device.name
             architecture = f"sm_{self._device.arch}"

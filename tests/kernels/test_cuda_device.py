@@ -163,7 +163,7 @@ def test_a_machine_without_a_driver_is_named(gpu, monkeypatch):
         raise RuntimeError('"cuda" is an NVIDIA driver library')
 
     monkeypatch.setattr(sys.modules["cuda.core"], "Device", find_driver)
-    with pytest.raises(KernelError, match="^there is no usable GPU: .* install Nvidia's driver$"):
+    with pytest.raises(KernelError, match=r"^there is no usable GPU: .* install Nvidia's driver$"):
         CudaDevice()
 
 

@@ -98,6 +98,10 @@ class MonocularCalibration:
     prior: LensPrior | None = None
     """Given intrinsics that the bundle adjustment takes as a prior; the poses above hold for them."""
 
+    def select(self, frames: Sequence[str]) -> MonocularCalibration:
+        """Return the calibration with the poses of some frames only."""
+        return replace(self, cam_from_board={frame: self.cam_from_board[frame] for frame in frames})
+
 
 def calibrate_camera(
     name: str,

@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.solver.bundle import (
-    Bundle,
-    BundlePrior,
-    Geometry,
-    Observations,
-    estimate_robust_sigma,
-)
+from beltscape.calibration.solver.bundle import Bundle, Geometry, Observations, estimate_robust_sigma
 from beltscape.calibration.solver.lens import (
     LensPrior,
     compute_lens_prior,
@@ -30,6 +24,7 @@ from beltscape.calibration.solver.lens import (
     unpack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibration.solver.prior import BundlePrior
 from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera

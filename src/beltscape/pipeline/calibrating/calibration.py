@@ -58,7 +58,7 @@ from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.solving import solve_rig
 from beltscape.pipeline.calibrating.views import detect_rig_board
-from beltscape.target.board import Board, BoardSet, list_triples
+from beltscape.target.board import Board, BoardSet, corner_points_mm, list_triples
 
 MAX_SPLIT_RATIO = 2.0
 """Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
@@ -331,7 +331,7 @@ def _complete_rig(
     ``covered`` is the rig within the volume that the board covered, where it is limited to that.
     """
     rig = covered.rig if covered else rig
-    shaped = bool(np.any(adjustment.shape_mm))
+    shaped = bool(np.any(adjustment.geometry.points_mm != corner_points_mm(board)))
     quality = {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),

@@ -267,7 +267,7 @@ def _run_opencv(
     """Return the lens and the board's poses that OpenCV finds from its own start."""
     objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
     pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-6)
     try:
         _, matrix, distortion, rotations, translations = cv2.calibrateCamera(
             objects, pixels, size, None, None, flags=flags, criteria=criteria

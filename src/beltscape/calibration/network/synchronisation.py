@@ -164,21 +164,27 @@ class _Track:
 
 def _fit_shift(first: _Track, second: _Track) -> _ShiftFit | None:
     """Fit the order of the second camera's frames to the first's; return None with too few shared frames."""
-    scatters = {
-        (is_reversed, shift): scatter
-        for is_reversed, track in ((False, second), (True, second.reverse()))
-        for shift in SHIFTS
-        if abs(shift) < len(first.rotation)
-        and (scatter := _compute_scatter(first, track.shift(shift))) is not None
-    }
     named = False, 0
+    scatters = _compute_scatters(first, second, is_reversed=False)
     if named not in scatters:
         return None
+    if scatters[named] >= MAX_SCATTER:
+        scatters |= _compute_scatters(first, second.reverse(), is_reversed=True)
     best = min(scatters, key=lambda order: (scatters[order], order[0], abs(order[1])))
     if scatters[best] > CLEAR_IMPROVEMENT * scatters[named]:
         best = named
     is_reversed, shift = best
     return _ShiftFit(shift, scatters[best] < MAX_SCATTER, is_reversed)
+
+
+def _compute_scatters(first: _Track, second: _Track, *, is_reversed: bool) -> dict[tuple[bool, int], float]:
+    """Return the scatter for every shift of the second camera's frames that leaves enough of them shared."""
+    return {
+        (is_reversed, shift): scatter
+        for shift in SHIFTS
+        if abs(shift) < len(first.rotation)
+        and (scatter := _compute_scatter(first, second.shift(shift))) is not None
+    }
 
 
 def _compute_scatter(first: _Track, second: _Track) -> float | None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.calibration.assessment.board_print import describe_print
+from beltscape.calibration.assessment.board_size import BoardSize, estimate_board_size
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
@@ -178,10 +179,11 @@ def calibrate(
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
-    _warn_of_lengths(board, adjustment, covariance, training, reporter)
+    size = estimate_board_size(board, adjustment, covariance.inflation)
+    _warn_of_lengths(board, adjustment, covariance, size, training, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
-    by_views, sized = _add_size(rig, board, adjustment, covariance)
+    rig = _complete_rig(limited, board, adjustment, covariance, size, (held_out, training), fit, covered)
+    by_views, sized = _add_size(rig, adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
@@ -256,12 +258,16 @@ def _warn_of_lengths(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
+    size: BoardSize,
     training: Score,
     reporter: Reporter,
 ) -> None:
-    """Warn of lengths on the board that contradict each other, and where no length was measured."""
-    for line in describe_print(board, adjustment, covariance.inflation):
-        reporter.warn(line)
+    """Warn of lengths on the board that contradict each other or its certificate, and where none was measured."""
+    if isinstance(board, BoardSet) or board.axis_sigma is None:
+        for line in describe_print(board, adjustment, covariance.inflation):
+            reporter.warn(line)
+    if size.contradiction:
+        reporter.warn(size.contradiction)
     if not training.has_squares:
         reporter.warn(
             "no two cameras see the same corner at one instant, so that no length was measured and the rig is scored "
@@ -321,16 +327,18 @@ def _complete_rig(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
-    held_out: Score | None,
-    training: Score,
+    size: BoardSize,
+    scores: tuple[Score | None, Score],
     fit: FitQuality,
     covered: CoveredRig | None,
 ) -> Rig:
     """Return the rig with its covariance, its quality and the board's shape, which `check` needs.
 
+    ``scores`` are those of views held out, if there are enough, and in training.
     ``covered`` is the rig within the volume that the board covered, where it is limited to that.
     """
-    rig = covered.rig if covered else rig
+    rig = size.resize(covered.rig if covered else rig)
+    held_out, training = scores
     shaped = bool(np.any(adjustment.geometry.points_mm != corner_points_mm(board)))
     quality = {
         "held_out": held_out.document() if held_out else None,
@@ -338,13 +346,13 @@ def _complete_rig(
         "fit": {"sound": fit.is_sound, "doubts": fit.findings},
         "sigma_inflation": covariance.inflation,
         "board": board.model_dump(),
-        "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
+        "board_corners_mm": size.factor * adjustment.geometry.points_mm if shaped else None,
     }
     if covered:
         quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
-    if board.scale_sigma:
-        quality["scale_sigma"] = board.scale_sigma
-    sized = add_scale(rig, covariance.matrix, board.scale_sigma)
+    if size.sigma:
+        quality["scale_sigma"] = size.sigma
+    sized = add_scale(rig, covariance.matrix, size.sigma)
     matrix = {"parameters": covariance.parameters, "matrix": sized}
     return replace(rig, quality=quality, covariance=matrix)
 
@@ -357,11 +365,11 @@ def _find_next_best_view(
 
 
 def _add_size(
-    rig: Rig, board: Board, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
 ) -> tuple[Array, RigCovariance]:
     """Return the covariances by clusters of views (G, G) and of the model with that of the board's size."""
-    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
-    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
+    by_views = add_scale(rig, compute_clustered_covariance(adjustment), rig.scale_sigma)
+    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, rig.scale_sigma))
 
 
 def _compute_depth_sigmas(

@@ -84,7 +84,7 @@ def test_rows_that_are_known_better_than_columns_give_the_size_and_its_sigma():
     )
     true_mm, rng = np.linalg.norm(RIG.cam_from_core["c"].center_mm), np.random.default_rng(1)
     off, plain, sigma = [], [], []
-    for seed, (rows, columns) in enumerate((BY_AXIS * rng.normal(size=(count, 2))).tolist()):
+    for seed, (rows, columns) in enumerate((rng.normal(size=(count, 2)) * np.array(BY_AXIS)).tolist()):
         found = adjust_views(certified, drawn * [1 + rows, 1 + columns, 1], seed)
         size = estimate_board_size(certified, found, 1.0)
         assert not size.contradiction

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from beltscape.calibration.assessment.board_size import BoardSize, estimate_board_size
+from beltscape.calibration.assessment.board_size import CertifiedSize, estimate_board_size
 from beltscape.calibration.assessment.covariance import (
     add_scale,
     compute_depth_sigma,
@@ -103,7 +103,7 @@ def test_a_stretch_that_the_certificate_does_not_allow_is_said():
     size = estimate_board_size(certified, found, 1.0)
     assert "rows are +0.4" in size.contradiction
     assert "but its certificate allows ± 0.01%" in size.contradiction
-    assert estimate_board_size(CHESSBOARD, found, 1.0) == BoardSize(1.0, 0.0)
+    assert estimate_board_size(CHESSBOARD, found, 1.0) == CertifiedSize(1.0, 0.0)
 
 
 def test_a_scaled_rig_keeps_the_sigma_of_its_lengths(rig):

@@ -23,7 +23,7 @@ MOST_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class BoardSize:
+class CertifiedSize:
     """Size of a board and of its rig against the drawing."""
 
     factor: float
@@ -42,16 +42,16 @@ class BoardSize:
         return replace(rig, cam_from_core=poses)
 
 
-def estimate_board_size(board: Board, adjustment: BundleAdjustmentResult, inflation: float) -> BoardSize:
+def estimate_board_size(board: Board, adjustment: BundleAdjustmentResult, inflation: float) -> CertifiedSize:
     """Return the size of the board; ``inflation`` is that of σ by views' scatter."""
     if isinstance(board, BoardSet) or board.axis_sigma is None:
-        return BoardSize(1.0, board.scale_sigma)
+        return CertifiedSize(1.0, board.scale_sigma)
     rows, columns = np.square(board.axis_sigma)
     share = _compute_share_of_rows(board)
     mean, stretch = share**2 * rows + (1 - share) ** 2 * columns, rows + columns
     both = share * rows - (1 - share) * columns
     if not np.any(adjustment.shape_mm[:, :2]):
-        return BoardSize(1.0, float(np.sqrt(mean)))
+        return CertifiedSize(1.0, float(np.sqrt(mean)))
     covariance = inflation**2 * compute_corner_covariance(adjustment)
     found = measure_print(board, adjustment.geometry.points_mm, covariance)
     value, variance = _remove_prior(found.stretch, found.stretch_sigma**2)
@@ -62,7 +62,7 @@ def estimate_board_size(board: Board, adjustment: BundleAdjustmentResult, inflat
             f"the board's rows are {value:+.2%} ± {np.sqrt(variance):.2%} longer than its columns, but its "
             f"certificate allows ± {np.sqrt(stretch):.2%}: measure a long row and a long column again"
         )
-    return BoardSize(1.0 + float(gain * value), float(np.sqrt(mean - gain * both)), text)
+    return CertifiedSize(1.0 + float(gain * value), float(np.sqrt(mean - gain * both)), text)
 
 
 def _compute_share_of_rows(board: PlanarBoard) -> float:

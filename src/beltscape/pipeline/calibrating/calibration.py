@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.calibration.assessment.board_print import describe_print
-from beltscape.calibration.assessment.board_size import BoardSize, estimate_board_size
+from beltscape.calibration.assessment.board_size import CertifiedSize, estimate_board_size
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
@@ -179,8 +179,7 @@ def calibrate(
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
-    size = estimate_board_size(board, adjustment, covariance.inflation)
-    _warn_of_lengths(board, adjustment, covariance, size, training, reporter)
+    size = _assess_size(board, adjustment, covariance, training, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, size, (held_out, training), fit, covered)
     by_views, sized = _add_size(rig, adjustment, covariance)
@@ -254,15 +253,15 @@ def _assess_coverage(
     return coverage, None
 
 
-def _warn_of_lengths(
+def _assess_size(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
-    size: BoardSize,
     training: Score,
     reporter: Reporter,
-) -> None:
-    """Warn of lengths on the board that contradict each other or its certificate, and where none was measured."""
+) -> CertifiedSize:
+    """Return the board's size; warn of lengths that contradict each other or it, and where none was measured."""
+    size = estimate_board_size(board, adjustment, covariance.inflation)
     if isinstance(board, BoardSet) or board.axis_sigma is None:
         for line in describe_print(board, adjustment, covariance.inflation):
             reporter.warn(line)
@@ -273,6 +272,7 @@ def _warn_of_lengths(
             "no two cameras see the same corner at one instant, so that no length was measured and the rig is scored "
             "in px only: cameras that look at different sides of the board measure no common surface"
         )
+    return size
 
 
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
@@ -327,7 +327,7 @@ def _complete_rig(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
-    size: BoardSize,
+    size: CertifiedSize,
     scores: tuple[Score | None, Score],
     fit: FitQuality,
     covered: CoveredRig | None,

@@ -58,22 +58,40 @@ inline int node_to(double x, int end) {
     return static_cast<int>(node > -1 ? (node < end - 1 ? node : end - 1) : -1);
 }
 
+// The first nodes not before, and the last ones not after, of `count` points.
+inline void list_nodes(const double* x, int count, int end, int* from, int* to) {
+#pragma omp simd
+    for (int i = 0; i < count; ++i) from[i] = node_from(x[i], end), to[i] = node_to(x[i], end);
+}
+
 // The points of row v over a grid (rows, columns).
 inline void place_row(const RasterisationInput& in, int v, int columns, int rows, PointRow& row) {
     const std::size_t at = static_cast<std::size_t>(v) * in.depth.shape[1];
     const double* const m = in.grid_from_pixel.data;
     const double x0 = m[1] * v + m[2], y0 = m[5] * v + m[6], z0 = m[9] * v + m[10];
-    row.depth = in.depth.data + at;
-    for (int u = 0; u < in.depth.width(); ++u) {
-        const auto i = static_cast<std::size_t>(u);
-        const double depth = in.depth[at + i], sigma = in.sigma[at + i];
-        const double x = (m[0] * u + x0) * depth + m[3], y = (m[4] * u + y0) * depth + m[7];
-        const double z = (m[8] * u + z0) * depth + m[11], variance = sigma * sigma;
-        row.x[i] = x, row.y[i] = y, row.z[i] = z, row.variance[i] = variance;
-        row.left[i] = node_from(x, columns), row.right[i] = node_to(x, columns);
-        row.top[i] = node_from(y, rows), row.bottom[i] = node_to(y, rows);
-        row.good[i] = in.use[at + i] && std::isfinite(x) && std::isfinite(y) && std::isfinite(z) &&
-                      std::isfinite(variance);
+    const float* const depths = row.depth = in.depth.data + at;
+    const float* const sigmas = in.sigma.data + at;
+    const bool* const use = in.use.data + at;
+    const int width = in.depth.width();
+    // in loops that the compiler turns into vectors: bytes, as in `good`, could be any of the other values
+    double *const xs = row.x.data(), *const ys = row.y.data(), *const zs = row.z.data();
+    double* const variances = row.variance.data();
+#pragma omp simd
+    for (int u = 0; u < width; ++u) {
+        const double depth = depths[u], sigma = sigmas[u];
+        xs[u] = (m[0] * u + x0) * depth + m[3];
+        ys[u] = (m[4] * u + y0) * depth + m[7];
+        zs[u] = (m[8] * u + z0) * depth + m[11];
+        variances[u] = sigma * sigma;
+    }
+    list_nodes(xs, width, columns, row.left.data(), row.right.data());
+    list_nodes(ys, width, rows, row.top.data(), row.bottom.data());
+    std::uint8_t* const good = row.good.data();
+#pragma omp simd
+    for (int u = 0; u < width; ++u) {
+        // a sum of products with 0 is 0 where all are finite
+        const double finite = xs[u] * 0 + ys[u] * 0 + zs[u] * 0 + variances[u] * 0;
+        good[u] = static_cast<std::uint8_t>(use[u] & (finite == 0));
     }
 }
 

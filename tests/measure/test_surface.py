@@ -19,6 +19,32 @@ def surface_of(scene: Scene, depth: DepthMap):
     return compute_height_map(depth, scene.camera, belt.belt_from_core, grid, depth.measured, sampling), grid
 
 
+def test_the_sampling_of_a_large_image_is_that_of_all_its_pixels() -> None:
+    """A part of the pixels gives the medians; what is beside the measured ones does not change them."""
+    scene = Scene(FLAT)
+    whole = depth_map(scene.depth_mm())
+    assert min(whole.depth_mm.shape) >= 200
+    rng = np.random.default_rng(1)
+    sigma = rng.uniform(0.5, 1.5, whole.depth_mm.shape).astype(np.float32)
+    z = np.where(rng.random(sigma.shape) < 0.7, whole.depth_mm, np.nan).astype(np.float32)
+    found = compute_sampling(DepthMap(z, sigma, whole.views, whole.confidence), scene.camera)
+    distance, noise = (float(np.median(values[np.isfinite(z)])) for values in (z, sigma))
+    pixel = distance / float(scene.camera.focal_px.mean())
+    assert abs(found.pixel_mm / pixel - 1) < 1e-3
+    assert abs(found.step_mm / (pixel / np.tan(np.deg2rad(10)) + 6 * noise) - 1) < 0.02
+
+
+def test_single_measured_pixels_of_a_large_image_have_a_sampling() -> None:
+    """Where the sample holds none of them, it is theirs."""
+    scene = Scene(FLAT)
+    whole = depth_map(scene.depth_mm())
+    z = np.full(whole.depth_mm.shape, np.nan, np.float32)
+    z[100:102, 100:102] = whole.depth_mm[100:102, 100:102]  # no multiple of three
+    found = compute_sampling(DepthMap(z, whole.sigma_mm, whole.views, whole.confidence), scene.camera)
+    distance = float(np.nanmedian(z))
+    assert found.pixel_mm == distance / float(scene.camera.focal_px.mean())
+
+
 def test_heights_of_a_ball() -> None:
     scene = Scene(FLAT, (Ball((0.0, 0.0, 0.0), 100.0),))
     surface, grid = surface_of(scene, depth_map(scene.depth_mm()))

@@ -25,12 +25,22 @@ _LARGEST = float(np.finfo(np.float64).max)
 """Largest number of a double; a JSON document may hold longer ones, and comparison with it excludes NaN, too."""
 
 
+_PLAIN = frozenset({str, int, bool, type(None)})
+"""Types of values that JSON has."""
+
+
 def to_plain(value: Any) -> Any:
     """Convert arrays, NumPy scalars, tuples, paths and NaN to types of JSON."""
+    kind = type(value)
+    if kind is float:  # most values of a document, and the other questions take ten times as long
+        return value if math.isfinite(value) else None
+    if kind in _PLAIN:
+        return value
     if is_mapping(value):
         return {str(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return to_plain(value.tolist())
+        is_finite = value.dtype.kind == "f" and np.isfinite(value).all()
+        return value.tolist() if is_finite else to_plain(value.tolist())
     if is_list_or_tuple(value):
         return [to_plain(item) for item in value]
     if isinstance(value, np.generic):

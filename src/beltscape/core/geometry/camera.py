@@ -82,8 +82,14 @@ class Camera:
         NaN behind the camera and beyond the domain of validity.
         """
         points = np.asarray(points_mm, dtype=np.float64)
-        depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
-        return self.distort(points[..., :2] / depth) * self.focal_px + self.center_px
+        return np.stack(self.project_axes(points[..., 0], points[..., 1], points[..., 2]), axis=-1)
+
+    def project_axes(self, x_mm: Array, y_mm: Array, z_mm: Array) -> tuple[Array, Array]:
+        """Return what `project` returns of points with these coordinates as two arrays: columns and rows."""
+        depth = np.where(z_mm > 0, z_mm, np.nan)
+        u, v = self.distort_axes(x_mm / depth, y_mm / depth)
+        (along, down), (column, row) = self.focal_px, self.center_px
+        return u * along + column, v * down + row
 
     def distort(self, ideal: Array) -> Array:
         """Distort undistorted image-plane coordinates x/z, y/z (..., 2); NaN beyond the domain of validity."""
@@ -92,6 +98,8 @@ class Camera:
     def distort_axes(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return the distorted x/z and y/z of undistorted ones as two arrays, which is faster than pairs."""
         u, v = self.lens.distort(x, y, self.distortion)
+        if self.valid_radius == np.inf:
+            return u, v
         is_valid = x**2 + y**2 <= self.valid_radius**2
         return np.where(is_valid, u, np.nan), np.where(is_valid, v, np.nan)
 

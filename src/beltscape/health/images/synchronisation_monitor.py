@@ -108,8 +108,11 @@ def compare_pair(pair: FramePair) -> ComparedPair:
 def _is_old(grid: SurfaceGrid, core: str, name: str, before: SurfaceSamples, now: SurfaceSamples) -> bool:
     """Return whether a camera's image is that of the frame before."""
     own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)
+    least = max(_OLD, own + 0.1)
+    if least >= 1:  # no correlation exceeds it
+        return False
     old = grid.sample(now.textures[name], name, before.surface.points_mm)
-    return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > max(_OLD, own + 0.1)
+    return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > least
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,8 +16,8 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.surface import Grid
-from beltscape.measure.volume.load import Load, compute_load, find_reliable_pixels
+from beltscape.measure.surface import Grid, close_pinholes
+from beltscape.measure.volume.load import compute_load_heights, find_reliable_pixels
 from beltscape.measure.volume.uncertainty import compute_false_height_mm
 
 
@@ -158,11 +158,12 @@ class EmptyBeltReference:
         It depends on the frame alone, wherever the belt is; `place` puts it on the belt.
         """
         reliable = find_reliable_pixels(_confident(depth), self.camera, self.belt)
-        load = compute_load(depth, self.camera, self.belt, self.grid, reliable)
-        whole = self._top_in_view(load)
-        planes = (load.height_mm, load.sigma_mm, load.noise_mm)
-        height, sigma, noise = (np.where(whole, plane, np.nan).astype(np.float32) for plane in planes)
-        share = (load.measured & whole).mean(axis=1)
+        load = compute_load_heights(depth, self.camera, self.belt, self.grid, reliable)
+        whole = self._top_in_view(load.height_mm)
+        share = (close_pinholes(np.isfinite(load.height_mm)) & whole).mean(axis=1)
+        height, sigma, noise = (plane.astype(np.float32) for plane in load)
+        for plane in (height, sigma, noise):
+            plane[~whole] = np.nan
         return MeasuredLoad(height, sigma, noise, share, self._estimate_false_height(depth))
 
     def place(self, load: MeasuredLoad, position_mm: float, direction: int, blur_mm: float = 0.0) -> Layer:
@@ -202,7 +203,7 @@ class EmptyBeltReference:
         thinned = _thin_camera(self.camera, fewer, times)
         shape = tuple((side - 1) // times + 1 for side in self.grid.shape)
         grid = Grid(self.grid.origin_mm, times * self.cell_mm, (shape[0], shape[1]))
-        return compute_load(fewer, thinned, self.belt, grid).height_mm
+        return compute_load_heights(fewer, thinned, self.belt, grid).height_mm
 
     def refine(self, cells: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Return cells (n, m) of the grid of `coarse` on a layer's rows and columns, y ascending."""
@@ -213,15 +214,15 @@ class EmptyBeltReference:
         )
         return cells[np.ix_(rows, columns)]
 
-    def _top_in_view(self, load: Load) -> NDArray[np.bool_]:
+    def _top_in_view(self, height_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return the cells (Ny, Nx) over which a surface as high as the load around them is also in the image.
 
         Along the image's border only the foot of tall objects is in the image, which is not the top surface.
         """
-        side = 2 * round(_AROUND_MM / load.grid.cell_mm) + 1
-        height = np.nan_to_num(load.height_mm).astype(np.float32)  # OpenCV dilates float64 five times slower
+        side = 2 * round(_AROUND_MM / self.cell_mm) + 1
+        height = np.nan_to_num(height_mm).astype(np.float32)  # OpenCV dilates float64 five times slower
         about = cv2.dilate(height, np.ones((side, side), np.uint8))
-        return is_in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
+        return is_in_image(self.belt, self.camera, self.grid, _TALLER * np.maximum(about, 0.0))
 
     def depths_mm(self) -> Range:
         """Return the nearest and farthest depth of the empty belt within the view."""
@@ -296,9 +297,9 @@ def make_reference(belt: Belt, camera: Camera, cell_mm: float | None = None) -> 
 
 def _confident(depth: DepthMap) -> DepthMap:
     """Return the depth map without pixels of low confidence."""
-    sure = depth.confidence >= LEAST_CONFIDENCE
-    planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
-    depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
+    unsure = ~(depth.confidence >= LEAST_CONFIDENCE)
+    depth_mm, sigma_mm = depth.depth_mm.astype(np.float32), depth.sigma_mm.astype(np.float32)
+    depth_mm[unsure] = sigma_mm[unsure] = np.nan
     return replace(depth, depth_mm=depth_mm, sigma_mm=sigma_mm)
 
 

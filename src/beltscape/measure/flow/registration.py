@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import cast
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import fft
 
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.kernels import load
@@ -63,17 +64,26 @@ def compute_high_pass(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: 
     """Return the high-pass of a load (Ny, Nx), NaN where not measured; ``noise_mm`` is the empty belt's noise."""
     load = np.nan_to_num(height_mm, nan=-np.inf) > max(_LEAST_MM, 6 * noise_mm)
     # isolated cells are flying points, not load
-    load &= ndimage.uniform_filter(load.astype(np.float32), 5) > 0.5
+    load &= cv2.blur(load.astype(np.float32), (5, 5), borderType=cv2.BORDER_REFLECT) > 0.5
     value = np.where(load, height_mm, 0.0)
-    blur = _SMOOTH_MM / cell_mm
-    weight = ndimage.gaussian_filter(load.astype(np.float64), blur)
-    mean = ndimage.gaussian_filter(value, blur) / np.maximum(weight, 1e-9)
-    high_pass = np.where(load, value - mean, 0.0)
-    spread = float(np.sqrt(np.mean(high_pass[load] ** 2))) if load.any() else 0.0
-    high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread)
+    weight = _smooth(load, cell_mm)
+    high_pass = value - _smooth(value, cell_mm) / np.maximum(weight, np.float32(1e-9))
+    high_pass[~load] = 0.0
+    spread = float(np.sqrt(np.square(high_pass).sum() / max(np.count_nonzero(load), 1)))
+    high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread, out=high_pass)
     return HighPassHeights(
         np.where(load, height_mm, np.nan), high_pass, load, cell_mm, height_mm.astype(np.float32)
     )
+
+
+def _smooth(values: NDArray[np.generic], cell_mm: float) -> NDArray[np.float32]:
+    """Return values (Ny, Nx) under a Gaussian of `_SMOOTH_MM`, cut off at 4 σ, with the image mirrored at its rims.
+
+    In float32 it takes a sixth of the time of SciPy's; heights of 300 mm differ by 0.0001 mm.
+    """
+    sigma = _SMOOTH_MM / cell_mm
+    side = 2 * int(4 * sigma + 0.5) + 1
+    return cv2.GaussianBlur(values.astype(np.float32), (side, side), sigma, borderType=cv2.BORDER_REFLECT)
 
 
 def compute_free_mm(frame: HighPassHeights, direction: int) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,25 +64,41 @@ def compute_load(
     Where the depth map of the empty belt stated less noise than it had, σ is raised by the same factor. ``reliable``
     are the pixels to use; None: those of `find_reliable_pixels`.
     """
-    pose = belt.belt_from_core
-    reliable = reliable or find_reliable_pixels(loaded, camera, belt)
-    top = compute_height_map(loaded, camera, pose, grid, reliable.use, reliable.sampling)
-    bottom = belt.surface_mm(grid.x_mm, grid.y_mm)
-    height = top.heights.height_mm - bottom
-    noise_factor = max(1.0, belt.noise_mm / max(belt.claimed_sigma_mm, 1e-9))
-    sigma = np.hypot(noise_factor * top.heights.sigma_mm, belt.surface_sigma_mm(grid.x_mm, grid.y_mm))
-    # a point well below the empty belt is a mismatch
-    valid = height > -(10 * belt.noise_mm + 3 * grid.cell_mm)
-    eye = pose.translation_mm
-    reach = np.maximum(eye[2] - bottom, 1.0)
+    heights = compute_load_heights(loaded, camera, belt, grid, reliable)
+    eye = belt.belt_from_core.translation_mm
+    reach = np.maximum(eye[2] - belt.surface_mm(grid.x_mm, grid.y_mm), 1.0)
     return Load(
         grid,
-        np.where(valid, height, np.nan),
-        np.where(valid, sigma, np.nan),
-        np.where(valid, noise_factor * top.noise_mm, np.nan),
-        close_pinholes(valid),
+        heights.height_mm,
+        heights.sigma_mm,
+        heights.noise_mm,
+        close_pinholes(np.isfinite(heights.height_mm)),
         np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
     )
+
+
+class LoadHeights(NamedTuple):
+    """The planes of a `Load`, NaN where it was not measured."""
+
+    height_mm: NDArray[np.float64]
+    sigma_mm: NDArray[np.float64]
+    noise_mm: NDArray[np.float64]
+
+
+def compute_load_heights(
+    loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid, reliable: ReliablePixels | None = None
+) -> LoadHeights:
+    """Return the planes of the load that `compute_load` returns, all of them (Ny, Nx)."""
+    reliable = reliable or find_reliable_pixels(loaded, camera, belt)
+    top = compute_height_map(loaded, camera, belt.belt_from_core, grid, reliable.use, reliable.sampling)
+    height = top.heights.height_mm - belt.surface_mm(grid.x_mm, grid.y_mm)
+    noise = max(1.0, belt.noise_mm / max(belt.claimed_sigma_mm, 1e-9)) * top.heights.sigma_mm
+    sigma = np.sqrt(noise**2 + belt.surface_sigma_mm(grid.x_mm, grid.y_mm) ** 2)
+    # a point well below the empty belt is a mismatch
+    is_wrong = ~(height > -(10 * belt.noise_mm + 3 * grid.cell_mm))
+    for plane in (height, sigma, noise):
+        plane[is_wrong] = np.nan
+    return LoadHeights(height, sigma, noise)
 
 
 def average_load(load: Load, filled: Filled, side: int) -> HeightMap:

@@ -2,8 +2,8 @@
 
 `check` runs these stages:
 
-1. `tie_points` detects textured points in the core image and finds them in the auxiliaries: guided by a depth
-   map, and unguided in rectified pairs.
+1. `tie_points` detects textured points in the core image and finds them in the auxiliaries by the peaks of
+   `correlation`: guided by a depth map, and unguided in rectified pairs.
 2. `residuals` computes the epipolar residual and the inverse depth of each match, and what the residuals of
    an image have in common; `rig_consistency` fits the row error as a function of place. The matching with
    which more points agree is assessed.

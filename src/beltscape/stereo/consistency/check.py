@@ -220,7 +220,7 @@ def assess_tie_points(
         isolation.ambiguous,
         attribution.core_moved,
         attribution.pose_change,
-        _find_depth_range(tie_points, rig, residuals),
+        _find_depth_range(tie_points, residuals),
         _compute_misfit(residuals, () if attribution.suspects else isolation.sound),
         tie_points,
         reference is not None,
@@ -248,7 +248,7 @@ def _assess_camera(
 ) -> CameraConsistency:
     epipolar = residuals.epipolar[name]
     searched = int(tie_points.searched[name].sum())
-    pair_residuals = compute_pair_residuals(tie_points, rig, name)
+    pair_residuals = residuals.points[name]
     agreeing = int((np.abs(pair_residuals.epipolar_px) < AGREES_PX * tie_points.pixel_scale).sum())
     partners = [n for n in isolation.sound if n != name] or [n for n in residuals.epipolar if n != name]
     disparity = [
@@ -307,13 +307,13 @@ def _compute_misfit(residuals: FrameResiduals, sound: tuple[str, ...]) -> float:
     return max((residual.excess_px for residual in own), default=0.0)
 
 
-def _find_depth_range(tie_points: TiePoints, rig: Rig, residuals: FrameResiduals) -> tuple[float, float]:
+def _find_depth_range(tie_points: TiePoints, residuals: FrameResiduals) -> tuple[float, float]:
     """Return the depths of the points that unguided matching found on their epipolar lines."""
     depths = [np.empty(0)]
     scale = tie_points.pixel_scale
     for name, residual in residuals.epipolar.items():
         if scale > 1 and residual.points >= LEAST_TIE_POINTS:
-            pair = compute_pair_residuals(tie_points, rig, name)
+            pair = residuals.points[name]
             near = np.abs(pair.epipolar_px - residual.median_px) < 2 * scale
             depths.append(1 / pair.inverse_depth[near & (pair.inverse_depth > 0)])
     every = np.concatenate(depths)
@@ -363,9 +363,27 @@ class ResidualAccumulator:
             return None
         joined = join_tie_points(list(self._frames))
         names = tuple(name for name in self._rig.auxiliaries if name in joined.observed_px)
-        consistency = assess_tie_points(joined, self._rig, names, self._tolerance)
-        if consistency.is_sound and self._reference is not None:
-            consistency = assess_tie_points(joined, self._rig, names, self._change_tolerance, self._reference)
+        contradiction = self._find_contradiction(joined, names, self._tolerance, None)
+        if contradiction is None and self._reference is not None:
+            return self._find_contradiction(joined, names, self._change_tolerance, self._reference)
+        return contradiction
+
+    def _find_contradiction(
+        self,
+        tie_points: TiePoints,
+        names: tuple[str, ...],
+        tolerance: Tolerance,
+        reference: ResidualReference | None,
+    ) -> RigConsistency | None:
+        """Return the consistency of tie points if they contradict the rig or the reference; None if not.
+
+        Most do not, which their residuals show already.
+        """
+        residuals = compute_frame_residuals(tie_points, self._rig, names, reference)
+        isolation = isolate_faults(tie_points, residuals, tolerance)
+        if not (isolation.contradicting or isolation.unmatched):
+            return None
+        consistency = assess_tie_points(tie_points, self._rig, names, tolerance, reference)
         return None if consistency.is_sound else consistency
 
     def is_suspect(self, tie_points: TiePoints) -> bool:

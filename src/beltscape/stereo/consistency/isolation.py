@@ -24,6 +24,7 @@ from beltscape.stereo.consistency.residuals import (
     LEAST_POINTS,
     SCATTER_SHARE,
     SIGNIFICANT_SIGMAS,
+    PairResiduals,
     ResidualReference,
     SystematicResidual,
     compute_disparity_residuals,
@@ -51,6 +52,8 @@ class FrameResiduals:
     """By auxiliary."""
     disparity: Mapping[tuple[str, str], SystematicResidual]
     """By two auxiliaries."""
+    points: Mapping[str, PairResiduals]
+    """By auxiliary: the residuals of the single points, of which no reference is subtracted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,7 @@ def compute_frame_residuals(
     return FrameResiduals(
         {n: estimate_systematic_residual(px, core_px, size_px, scale) for n, px in epipolar.items()},
         {pair: estimate_systematic_residual(px, core_px, size_px, scale) for pair, px in disparity.items()},
+        pair_residuals,
     )
 
 

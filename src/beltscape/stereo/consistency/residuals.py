@@ -116,6 +116,19 @@ def find_blocks(pixels: Array, size_px: tuple[int, int]) -> NDArray[np.int64]:
     return column + BLOCKS[0] * row
 
 
+def compute_block_medians(values: Array, blocks: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Return the median of the values (N,) in each block, 0 in an empty one, and their number; both (blocks,)."""
+    counts = np.bincount(blocks, minlength=BLOCKS[0] * BLOCKS[1])
+    if not len(values):
+        return np.zeros(len(counts)), counts
+    ordered, start = values[np.lexsort((values, blocks))], np.cumsum(counts) - counts
+    low, high = (
+        ordered[np.minimum(start + np.maximum(middle, 0), len(ordered) - 1)]
+        for middle in ((counts - 1) // 2, counts // 2)
+    )
+    return np.where(counts > 0, (low + high) / 2, 0.0), counts
+
+
 def estimate_systematic_residual(
     residual_px: Array, pixels: Array, size_px: tuple[int, int], pixel_scale: float = 1.0
 ) -> SystematicResidual:
@@ -129,36 +142,28 @@ def estimate_systematic_residual(
         return SystematicResidual(np.nan, np.nan, np.nan, count, np.nan, np.nan)
     values = residual_px[good]
     block_index = find_blocks(pixels[good], size_px)
-    medians: list[float] = []
-    variances: list[float] = []
-    weights: list[int] = []
-    scatters: list[float] = []
-    inliers = 0
-    for block in np.unique(block_index):
-        own = values[block_index == block]
-        if len(own) >= LEAST_IN_BLOCK:
-            median = float(np.median(own))
-            scatter = MAD_TO_SIGMA * float(np.median(np.abs(own - median)))
-            medians.append(median)
-            variances.append(MEDIAN_TO_MEAN_SIGMA**2 * scatter**2 / len(own))
-            weights.append(len(own))
-            scatters.append(scatter)
-            inliers += int((np.abs(own - median) < _INLIER_PX * pixel_scale).sum())
-    if not medians:  # too few in every block: inliers are near the median of all
+    block_medians, counts = compute_block_medians(values, block_index)
+    distance = np.abs(values - block_medians[block_index])
+    used = counts >= LEAST_IN_BLOCK
+    medians, weights = block_medians[used], counts[used]
+    scatters = MAD_TO_SIGMA * compute_block_medians(distance, block_index)[0][used]
+    if not used.any():  # too few in every block: inliers are near the median of all
         middle = float(np.median(values))
         near = float((np.abs(values - middle) < _INLIER_PX * pixel_scale).mean())
         return SystematicResidual(np.nan, np.nan, middle, count, near, np.nan)
-    share = np.array(weights) / np.sum(weights)
-    noise = float(share @ np.array(variances))
+    variances = MEDIAN_TO_MEAN_SIGMA**2 * scatters**2 / weights
+    inliers = int((distance[used[block_index]] < _INLIER_PX * pixel_scale).sum())
+    share = weights / weights.sum()
+    noise = float(share @ variances)
     square = float(share @ np.square(medians))
     rms = float(np.sqrt(max(square - noise, 0.0)))
-    sigma = np.sqrt(float(np.square(share) @ np.array(variances)))
+    sigma = np.sqrt(float(np.square(share) @ variances))
     return SystematicResidual(
         rms,
         float(sigma),
         float(np.median(values)),
         count,
-        inliers / sum(weights),
+        inliers / int(weights.sum()),
         float(np.median(scatters)),
     )
 
@@ -205,10 +210,5 @@ def compute_reference(tie_points: TiePoints, rig: Rig, names: tuple[str, ...]) -
 def _compute_medians(residual_px: Array, pixels: Array, size_px: tuple[int, int]) -> Array:
     """Return (blocks,) medians of the finite residuals."""
     good = np.isfinite(residual_px)
-    blocks, values = find_blocks(pixels[good], size_px), residual_px[good]
-    out = np.zeros(BLOCKS[0] * BLOCKS[1])
-    for block in np.unique(blocks):
-        own = values[blocks == block]
-        if len(own) >= LEAST_IN_BLOCK:
-            out[block] = np.median(own)
-    return out
+    medians, counts = compute_block_medians(residual_px[good], find_blocks(pixels[good], size_px))
+    return np.where(counts >= LEAST_IN_BLOCK, medians, 0.0)

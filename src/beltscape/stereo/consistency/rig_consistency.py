@@ -117,15 +117,18 @@ def _find_consensus(design: Array, values: Array, near_px: float) -> NDArray[np.
     The rig as it is, and a mere offset, are among the functions that are tried first.
     """
     rng = np.random.default_rng(0)
-    drawn = rng.random((_SAMPLES, len(values))).argsort(axis=1)[:, :TERMS]
+    # the first of a sorted row, without sorting the rest
+    drawn = np.argpartition(rng.random((_SAMPLES, len(values))), range(TERMS), axis=1)[:, :TERMS]
     samples, prior = design[drawn], np.eye(TERMS) * (near_px / _PRIOR_PX) ** 2
     normal = np.einsum("sni,snj->sij", samples, samples) + prior
     right = np.einsum("sni,sn->si", samples, values[drawn])
     terms = np.asarray(np.linalg.solve(normal, right[..., None]), np.float64)[..., 0]
     offset = np.array([[float(np.median(values)), 0.0, 0.0, 0.0]])
     trials = np.concatenate([np.zeros((1, TERMS)), offset, terms])
-    agrees = np.abs(values - trials @ design.T) < near_px
-    return np.asarray(agrees[int(agrees.sum(axis=1).argmax())], np.bool_)
+    left = trials @ design.T
+    left -= values
+    agrees = np.abs(left, out=left) < near_px
+    return np.asarray(agrees[int(np.count_nonzero(agrees, axis=1).argmax())], np.bool_)
 
 
 State = Literal["sound", "contradicting", "unmatched", "undecided", "not measured"]

@@ -22,6 +22,7 @@ from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.kernels import load
+from beltscape.stereo.consistency.correlation import correlate_closely, correlate_widely, find_peaks
 from beltscape.stereo.multiview.photometry import compute_texture_ratio, estimate_noise_variance
 from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, pack_projections
 from beltscape.stereo.pairwise.rectification import RectifiedPair, quantise_root, rectify_pair
@@ -114,35 +115,6 @@ def _select_evenly(corners: Array, size_px: tuple[int, int], max_points: int) ->
     rank = np.empty(len(corners), int)
     rank[order] = np.arange(len(corners)) - start
     return corners[np.argsort(rank, kind="stable")[:max_points]]
-
-
-_PEAK_PX = 3
-"""A correlation farther from the peak than this belongs to another position."""
-_LEAST_LEAD = 0.08
-"""Least difference of the peak's correlation from that of any other position."""
-
-
-def refine_peak(match: NDArray[np.float32], least: float) -> tuple[float, float] | None:
-    """Return (column, row) of the greatest correlation; None where it is weak, ambiguous or at the border."""
-    row, column = divmod(int(np.argmax(match)), match.shape[1])
-    best = float(match[row, column])
-    if not best >= least or not (0 < row < match.shape[0] - 1 and 0 < column < match.shape[1] - 1):
-        return None
-    if match.size > (2 * _PEAK_PX + 1) ** 2:
-        others = match.copy()
-        top, left = max(0, row - _PEAK_PX), max(0, column - _PEAK_PX)
-        others[top : row + _PEAK_PX + 1, left : column + _PEAK_PX + 1] = -1
-        if float(others.max()) > best - _LEAST_LEAD:
-            return None
-    along_u = _find_vertex(match[row, column - 1], match[row, column], match[row, column + 1])
-    along_v = _find_vertex(match[row - 1, column], match[row, column], match[row + 1, column])
-    return column + along_u, row + along_v
-
-
-def _find_vertex(before: np.float32, at: np.float32, after: np.float32) -> float:
-    """Return the offset of the vertex of the parabola through three neighbours, within ±0.5."""
-    bend = float(before) - 2 * float(at) + float(after)
-    return float(np.clip(0.5 * (float(before) - float(after)) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
 _HALF_PX = 7
@@ -242,10 +214,8 @@ def _search(
     for radius in _SEARCH_RADII_PX:
         missing = np.flatnonzero(inside & np.isnan(observed[:, 0]))
         areas = _sample_patches(image, (predicted[missing], slope[missing]), _HALF_PX + radius)
-        for i, area in zip(missing, areas, strict=True):
-            peak = refine_peak(cv2.matchTemplate(area, templates[i], cv2.TM_CCOEFF_NORMED), _CORRELATION)
-            if peak is not None:
-                observed[i] = predicted[i] + slope[i] @ (np.array(peak) - radius)
+        peaks = find_peaks(correlate_widely(zip(areas, templates[missing], strict=True)), _CORRELATION)
+        observed[missing] = predicted[missing] + _apply_slopes(slope[missing], peaks - radius)
         if np.isfinite(observed[inside, 0]).sum() >= _ENOUGH * max(inside.sum(), 1):
             break
     for _ in range(_REFINEMENTS):
@@ -264,10 +234,13 @@ def _refine(image: Image, observed: Array, slope: Array, templates: NDArray[np.f
     """Move found positions (N, 2) in place to the peaks of correlation about them; one without a peak stays."""
     found = np.flatnonzero(np.isfinite(observed[:, 0]))
     areas = _sample_patches(image, (observed[found], slope[found]), _HALF_PX + _REFINE_PX)
-    for i, area in zip(found, areas, strict=True):
-        peak = refine_peak(cv2.matchTemplate(area, templates[i], cv2.TM_CCOEFF_NORMED), _CORRELATION)
-        if peak is not None:
-            observed[i] += slope[i] @ (np.array(peak) - _REFINE_PX)
+    shift = find_peaks(correlate_closely(areas, templates[found]), _CORRELATION) - _REFINE_PX
+    observed[found] += np.nan_to_num(_apply_slopes(slope[found], shift))
+
+
+def _apply_slopes(slopes: Array, offsets: Array) -> Array:
+    """Return the products (N, 2) of matrices (N, 2, 2) and offsets (N, 2)."""
+    return slopes[:, :, 0] * offsets[:, :1] + slopes[:, :, 1] * offsets[:, 1:]
 
 
 def _distort_to_core(rig: Rig, centres: Array, planes: Array) -> tuple[Array, Array]:
@@ -342,20 +315,19 @@ def match_rows(
 
     NaN where there is no match, or an ambiguous one.
     """
-    matches, inside = np.full((len(corners), 2), np.nan), np.zeros(len(corners), np.bool_)
-    for i, (u, v) in enumerate(corners):
-        left, top = u - _ROW_HALF_PX - disparities, v - _ROW_HALF_PX - radius_rows
-        right, bottom = u + _ROW_HALF_PX + 1, v + _ROW_HALF_PX + radius_rows + 1
-        if left < 0 or top < 0 or right > core.shape[1] or bottom > core.shape[0]:
-            continue
-        inside[i] = True
-        patch = core[v - _ROW_HALF_PX : v + _ROW_HALF_PX + 1, u - _ROW_HALF_PX : u + _ROW_HALF_PX + 1]
-        peak = refine_peak(
-            cv2.matchTemplate(auxiliary[top:bottom, left:right], patch, cv2.TM_CCOEFF_NORMED),
-            _ROW_CORRELATION,
+    matches, (column, row) = np.full((len(corners), 2), np.nan), corners.T
+    reach_u, reach_v = _ROW_HALF_PX + disparities, _ROW_HALF_PX + radius_rows
+    inside = (column >= reach_u) & (column + _ROW_HALF_PX < core.shape[1])
+    inside &= (row >= reach_v) & (row + reach_v < core.shape[0])
+    pairs = (
+        (
+            auxiliary[v - reach_v : v + reach_v + 1, u - reach_u : u + _ROW_HALF_PX + 1],
+            core[v - _ROW_HALF_PX : v + _ROW_HALF_PX + 1, u - _ROW_HALF_PX : u + _ROW_HALF_PX + 1],
         )
-        if peak is not None:
-            matches[i] = disparities - peak[0], peak[1] - radius_rows
+        for u, v in corners[inside]
+    )
+    peaks = find_peaks(correlate_widely(pairs), _ROW_CORRELATION)
+    matches[inside] = np.column_stack([disparities - peaks[:, 0], peaks[:, 1] - radius_rows])
     return matches, inside
 
 

@@ -61,7 +61,7 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
     discs = _mask_bright_regions(prepared)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     filled = np.zeros(surface.s.shape, bool)
-    found: list[NDArray[np.floating]] = []
+    found: list[NDArray[np.floating | np.signedinteger]] = []
     s = surface.s
     reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
     for label in range(1, count):
@@ -77,9 +77,7 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
         if fit is not None:
             filled[rows, columns][inside] = True
             places = np.nonzero(inside)
-            found.append(
-                np.stack([places[0] + rows.start, places[1] + columns.start, *(each[inside] for each in fit)])
-            )
+            found.append(np.stack([places[0] + rows.start, places[1] + columns.start, *fit]))
     if not found:
         return FilledDiscs(surface, filled)
     at_v, at_u, *values = np.concatenate(found, axis=1)
@@ -124,16 +122,21 @@ def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
 def _fit_quadratic(
     s: Floats, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Return s and its slopes from the quadratic through the ring around ``inside``; None if that is not smooth."""
+    """Return s and its slopes at the N pixels ``inside``, from the quadratic through the ring around them.
+
+    None if that is not smooth.
+    """
     size = 2 * int(np.ceil(_RING_PX * scale)) + 1
     near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     ring = near & ~any_disc & np.isfinite(s)
     if ring.sum() < _LEAST_RING:
         return None
-    v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
-    u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    ring_terms, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
+    places = np.nonzero(inside)
+    middle_v, middle_u = (axis.mean() for axis in places)
+    v, u = (
+        (axis - middle) / size for axis, middle in zip(np.nonzero(ring), (middle_v, middle_u), strict=True)
+    )
+    ring_terms, target, weight = _make_terms(u, v), s[ring].astype(np.float64), np.ones(len(u))
     coefficients, spread = np.zeros(6), np.inf
     for _ in range(_ROUNDS):
         weighted = ring_terms * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
@@ -148,5 +151,12 @@ def _fit_quadratic(
     if spread > _SMOOTH_PX:
         return None
     _, by_u, by_v, by_uu, by_uv, by_vv = coefficients
+    v, u = ((axis - middle) / size for axis, middle in zip(places, (middle_v, middle_u), strict=True))
     du, dv = (by_u + 2 * by_uu * u + by_uv * v) / size, (by_v + by_uv * u + 2 * by_vv * v) / size
-    return (terms @ coefficients).astype(np.float32), du.astype(np.float32), dv.astype(np.float32)
+    inner = _make_terms(u, v) @ coefficients
+    return inner.astype(np.float32), du.astype(np.float32), dv.astype(np.float32)
+
+
+def _make_terms(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the terms (N, 6) of a quadratic at places (N,)."""
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)

@@ -78,11 +78,31 @@ _TRANSFER = """
 A frame's images go up, its depth, σ, confidence and number of views come down. Besides, some bands of rows come down
 for the estimates of noise, and the planes in which textureless discs are looked for. Small arrays such as weights
 stay on the GPU from frame to frame.
+"""
+_GRAPHS = """
+## Graphs
 
-A frame has about 1,000 launches (emulated, 5 × 306 × 255 px). They are not recorded as graphs, and each costs some
-Python: one frame at a time will be bound by that and not by the rooflines. How many pixels are uncertain is known on
-the processor only after each of three lists of pixels, and sizes of launches follow from it; where rounds of
-propagation end and whether there are discs is decided on the processor, too.
+Where the launches of a frame do not depend on what is in its images, they are recorded at the first frame of a size
+and then run as graphs. Emulated, the 1030 launches of five images of 160 × 128 px (`standard`) are 15 graphs and 76
+launches, the 371 of three images of 48 × 36 px (`fast`) 7 graphs and 32; images of two grids have 2 or 3 graphs more.
+Numbers that differ from frame to frame, such as the noise, are read from the GPU's memory.
+
+One graph for all of a frame it is not, because the processor decides something in between: the sizes of the sweep's
+aligned images, the noise from some bands of rows, whether a round changed hardly a pixel, the photometric gains, the
+textureless discs, and the lengths of three lists of uncertain pixels. Lists are lengthened by at most an eighth, so
+that frames with nearly as many uncertain pixels run the same graphs; another length is recorded once.
+
+Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1300
+bytes a pixel instead of 750 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is
+short, the graphs that were not used for longest go, and then all.
+"""
+_BESIDE = """
+## What is measured beside it
+
+Four SGBM of OpenCV on the processor, and OpenCV's CUDA SGM on the GPU, on the same rectified pairs in the same run.
+OpenCV's CUDA SGM has the kernels of libSGM (fixstars). Neither has a wheel: OpenCV's wheels are built without CUDA,
+libSGM needs nvcc, and the registry's `libsgm` is another program, CNES's for Pandora, on the processor. So `gpu.sh`
+measures it in an environment (`VENV`) whose OpenCV was built with CUDA, and else names the reason below the table.
 """
 
 
@@ -92,7 +112,7 @@ def format_page(frame: str, traffic: FrameTraffic, measured: list[Measured]) -> 
     state = f"Measured on {measured[0].name}." if measured else not_run
     gpus = ", ".join(_format_gpu(gpu) for gpu in GPUS)
     introduction = _INTRODUCTION.format(state=state, frame=frame, gpus=gpus)
-    rows = [*_format_counts(traffic.work), _TRANSFER, *_format_traffic(traffic)]
+    rows = [*_format_counts(traffic.work), _TRANSFER, *_format_traffic(traffic), _GRAPHS, _BESIDE]
     rows += [line for one in measured for line in _format_measured(one)]
     return "\n".join([introduction, *rows, ""])
 
@@ -151,7 +171,8 @@ def _format_measured(measured: Measured) -> list[str]:
         f"## Measured on {measured.name}: {measured.frame}",
         "",
         f"A frame takes {measured.frame_s * 1e3:.1f} ms, what runs on the processor included, and at most "
-        f"{measured.peak_bytes / 1e6:.0f} MB of memory. {energy}All runs gave {repeatable}. "
+        f"{measured.peak_bytes / 1e6:.0f} MB of memory; it runs {measured.graphs:.0f} graphs. "
+        f"{energy}All runs gave {repeatable}. "
         f"Of the pixels that both measure, {measured.far_share:.4%} are further than {FAR_MM} mm from the "
         "processor's depth; "
         f"{measured.only_one_share:.4%} of all pixels are measured by one of both only.",
@@ -161,9 +182,16 @@ def _format_measured(measured: Measured) -> list[str]:
         *(f"| {count} | {rate:.1f} |" for count, rate in measured.sets_per_s.items()),
         "",
         *format_rows(measured.rows),
+        *_format_missing(measured),
         *_format_calls(measured),
         *_format_times("launches of", measured.launch_s),
     ]
+
+
+def _format_missing(measured: Measured) -> list[str]:
+    if not measured.missing:
+        return []
+    return ["", f"OpenCV's CUDA SGM, which has libSGM's kernels, is not beside them: {measured.missing}."]
 
 
 def _format_calls(measured: Measured) -> list[str]:

@@ -5,7 +5,8 @@
 # left out and named. The measurement comes first, because it is what the GPU is for. Environment: PYTHON (default
 # python3, 3.11 or newer); WHEELS, a folder of wheels for a machine without a network: beltscape's own and what
 # requirements/gpu.lock and pytest, pytest-xdist and hypothesis need; VENV, an environment in which all that is installed
-# already; DEVICE (default cuda; none counts without a GPU).
+# already, and an OpenCV built with CUDA where its SGM shall be measured beside; DEVICE (default cuda; none counts without
+# a GPU).
 set -u
 capture=$(realpath "$1") rig=$(realpath "$2") out=$3
 cd "$(dirname "$0")/.." || exit 1

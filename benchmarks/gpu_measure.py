@@ -30,7 +30,7 @@ from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.surface import compute_inverse_depth_scale
 from beltscape.stereo.settings import MultiviewSettings
-from gpu_peers import MatcherRow, compute_error, measure_others, rectify_pairs
+from gpu_peers import MatcherRow, compute_error, explain_missing, measure_others, rectify_pairs
 from gpu_traffic import CountingBackend
 from roofline import Work
 
@@ -136,6 +136,10 @@ class Measured:
     """This matcher and others on the same set."""
     work: dict[str, Work] = field(default_factory=dict[str, Work])
     """Kernel → its bytes and operations."""
+    missing: str = ""
+    """Why OpenCV's CUDA SGM is not among the rows; empty where it is, or nothing else was measured."""
+    graphs: float = 0.0
+    """Graphs that a frame runs."""
 
 
 class TimedDevice:
@@ -184,16 +188,17 @@ class TimedBackend:
 def measure_device(device: GpuDevice, problem: Problem, runs: int = RUNS) -> Measured:
     """Return the times of a frame on a device, the least of some runs, and its difference from the processor's."""
     native = NativeBackend(levels()[-1])
-    kernels, frame_set = Kernels(CudaBackend(device, native)), problem.frame_set
+    backend, frame_set = CudaBackend(device, native), problem.frame_set
+    kernels, graphs = Kernels(backend), backend.graphs
     matcher = problem.make_matcher(kernels)
     depth = matcher.reconstruct(frame_set, Silent())
     depths, seconds = [depth], list[float]()
-    before = read_joules()
+    before, replayed = read_joules(), graphs.counts.replayed
     for _ in range(runs):
         start = time.perf_counter()
         depths.append(matcher.reconstruct(frame_set, Silent()))
         seconds.append(time.perf_counter() - start)
-    after = read_joules()
+    after, replayed = read_joules(), graphs.counts.replayed - replayed
     timed = TimedDevice(device)
     calls = TimedBackend(CudaBackend(cast("GpuDevice", timed), native).resident)
     problem.make_matcher(Kernels(calls)).reconstruct(frame_set, Silent())
@@ -213,9 +218,10 @@ def measure_device(device: GpuDevice, problem: Problem, runs: int = RUNS) -> Mea
         {count: measure_rate(matcher, frame_set, count, runs) for count in IN_FLIGHT} if runs > 1 else {},
         None if before is None or after is None else (after - before) / runs,
         work=count_traffic(problem).work,
+        graphs=replayed / runs,
     )
     if runs > 1:
-        measured.rows = measure_rows(problem, depth, measured)
+        measured.rows, measured.missing = measure_rows(problem, depth, measured)
     if kernels.failure:  # the processor's times are none of the GPU
         raise SystemExit(f"the GPU failed: {kernels.failure}")
     return measured
@@ -240,8 +246,8 @@ def read_joules() -> float | None:
         return None
 
 
-def measure_rows(problem: Problem, depth: DepthMap, measured: Measured) -> list[MatcherRow]:
-    """Return the rows of this matcher on the device, of four SGBM on the processor, and of others that are there."""
+def measure_rows(problem: Problem, depth: DepthMap, measured: Measured) -> tuple[list[MatcherRow], str]:
+    """Return the rows of this matcher on the device and of others that are there, and why the CUDA SGM is not."""
     size_px, rig = problem.rig.core_camera.size_px, problem.rig
     unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
     near, far = problem.near_far_mm
@@ -253,4 +259,4 @@ def measure_rows(problem: Problem, depth: DepthMap, measured: Measured) -> list[
         f"Beltscape, {measured.name}", size_px, len(rig.auxiliaries), range_px, seconds, error, share
     )
     pairs = rectify_pairs(rig, problem.frame_set, problem.near_far_mm)
-    return [own, *measure_others(pairs, size_px, problem.true_mm)]
+    return [own, *measure_others(pairs, size_px, problem.true_mm)], explain_missing(pairs)

@@ -95,15 +95,29 @@ def compute_error(depth_mm: Depth, true_mm: Depth | None) -> float | None:
 def measure_others(
     pairs: Sequence[Pair], size_px: tuple[int, int], true_mm: Depth | None
 ) -> list[MatcherRow]:
-    """Return a row for each other matcher that this machine has."""
+    """Return a row for each other matcher that this machine has, see `explain_missing`."""
     rows = [_measure_sgbm(pairs, size_px, true_mm)]
-    found = _measure_cuda(pairs, size_px, true_mm)
-    return rows if found is None else [*rows, found]
+    return rows if explain_missing(pairs) else [*rows, _measure_cuda(pairs, size_px, true_mm)]
+
+
+def explain_missing(pairs: Sequence[Pair]) -> str:
+    """Return why the CUDA SGM is not among the other matchers; an empty text where it is."""
+    opencv: Any = cv2
+    if not hasattr(opencv.cuda, "createStereoSGM"):
+        return f"OpenCV {cv2.__version__} was built without CUDA's stereo matching, as all of its wheels are"
+    if not opencv.cuda.getCudaEnabledDeviceCount():
+        return f"OpenCV {cv2.__version__} finds no GPU"
+    needed = _find_range(pairs)
+    return "" if needed <= CUDA_DISPARITIES[-1] else f"it has no range of {needed} px"
+
+
+def _find_range(pairs: Sequence[Pair]) -> int:
+    return max(pair.matcher.pair.disparities for pair in pairs)
 
 
 def _measure_sgbm(pairs: Sequence[Pair], size_px: tuple[int, int], true_mm: Depth | None) -> MatcherRow:
     """Measure OpenCV's SGBM on all cores of the processor."""
-    most = max(pair.matcher.pair.disparities for pair in pairs)
+    most = _find_range(pairs)
     sgbm = cv2.StereoSGBM.create(
         0, most, _BLOCK_PX, _SMALL, _LARGE, 1, 63, 10, 0, 0, cv2.STEREO_SGBM_MODE_SGBM
     )
@@ -111,25 +125,18 @@ def _measure_sgbm(pairs: Sequence[Pair], size_px: tuple[int, int], true_mm: Dept
     return _measure("OpenCV SGBM, processor", pairs, jobs, most, size_px, true_mm)
 
 
-def _measure_cuda(
-    pairs: Sequence[Pair], size_px: tuple[int, int], true_mm: Depth | None
-) -> MatcherRow | None:
-    """Measure OpenCV's CUDA SGM, which has libSGM's kernels; None without it, or for a wider range."""
+def _measure_cuda(pairs: Sequence[Pair], size_px: tuple[int, int], true_mm: Depth | None) -> MatcherRow:
+    """Measure OpenCV's CUDA SGM, which has libSGM's kernels."""
     opencv: Any = cv2
-    if not (hasattr(opencv.cuda, "createStereoSGM") and opencv.cuda.getCudaEnabledDeviceCount()):
-        return None
-    needed = max(pair.matcher.pair.disparities for pair in pairs)
-    enough = [disparities for disparities in CUDA_DISPARITIES if disparities >= needed]
-    if not enough:
-        return None
-    sgm = opencv.cuda.createStereoSGM(0, enough[0])
+    enough = next(disparities for disparities in CUDA_DISPARITIES if disparities >= _find_range(pairs))
+    sgm = opencv.cuda.createStereoSGM(0, enough)
 
     def match(pair: Pair) -> NDArray[np.int16]:
         left, right = (opencv.cuda_GpuMat(image) for image in (pair.left, pair.right))
         return np.asarray(sgm.compute(left, right).download())
 
     jobs = [lambda pair=pair: match(pair) for pair in pairs]
-    return _measure("OpenCV CUDA SGM (libSGM's kernels), GPU", pairs, jobs, enough[0], size_px, true_mm)
+    return _measure("OpenCV CUDA SGM (libSGM's kernels), GPU", pairs, jobs, enough, size_px, true_mm)
 
 
 def _measure(

@@ -74,27 +74,29 @@ extern "C" __global__ void sum_columns(const float* plane, int stride, int heigh
     sums[at] = sum, squares[at] = square;
 }
 
-// The core normalised in windows; padded.
-extern "C" __global__ void normalise_core(int window, float floor, const float* grey, const float* there_sums,
-                                          const float* sums, const float* squares, int width, int height,
-                                          int margin, float* value, float* scale, float* part) {
+// The core normalised in windows; padded. The floor is read from memory: it differs from frame to frame, and
+// a recorded graph keeps its arguments.
+extern "C" __global__ void normalise_core(int window, const float* floor, const float* grey,
+                                          const float* there_sums, const float* sums, const float* squares,
+                                          int width, int height, int margin, float* value, float* scale,
+                                          float* part) {
     const PaddedPlace place = padded_place(width, height, margin);
     if (!place.exists) return;
-    const NormalSettings settings{window, 0, floor, 0, 0, 0};
+    const NormalSettings settings{window, 0, *floor, 0, 0, 0};
     part_row<float>(there_sums + place.inner, window, 1, part + place.at);
     core_normals_row<float>(settings, grey + place.inner, sums + place.inner, squares + place.inner, 1,
                             {value + place.at, scale + place.at, part + place.at, nullptr});
 }
 
 // A view's residuals (4, height, width + 2 margin): r, slope, weight and misfit.
-extern "C" __global__ void view_residuals(int window, float floor, float noise_variance, float model_variance,
-                                          float* core_value, float* core_scale, float* part,
-                                          const float* there, const float* grey, const float* slope,
-                                          const float* sums, const float* squares, int width, int height,
-                                          int margin, float* out) {
+extern "C" __global__ void view_residuals(int window, const float* floor, const float* noise_variance,
+                                          const float* model_variance, float* core_value, float* core_scale,
+                                          float* part, const float* there, const float* grey,
+                                          const float* slope, const float* sums, const float* squares,
+                                          int width, int height, int margin, float* out) {
     const PaddedPlace place = padded_place(width, height, margin);
     if (!place.exists) return;
-    const NormalSettings settings{window, 0, floor, noise_variance, model_variance, 0};
+    const NormalSettings settings{window, 0, *floor, *noise_variance, *model_variance, 0};
     const size_t plane = static_cast<size_t>(height) * (width + 2 * margin);
     float* const own = out + place.at;
     residuals_row<float>(settings,

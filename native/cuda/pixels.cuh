@@ -46,8 +46,21 @@ extern "C" __global__ void list_pixels(const unsigned char* mask, int size, int 
         if (mask[i]) rows[at] = to_float(i / width), columns[at] = to_float(i % width), ++at;
 }
 
+// Repeats the first pixel behind the last, so that a list may be taken longer than it is: at most by an
+// eighth and 8 pixels.
+extern "C" __global__ void repeat_first_pixel(const int* total, int size, float* rows, float* columns) {
+    const int count = *total, beyond = grid_x(), i = count + beyond;
+    if (count == 0 || beyond > count / 8 + 8 || i >= size) return;
+    rows[i] = rows[0], columns[i] = columns[0];
+}
+
 __device__ inline size_t place_of(const float* rows, const float* columns, int pixel, int width) {
     return static_cast<size_t>(to_int(rows[pixel])) * width + to_int(columns[pixel]);
+}
+
+// Whether a pixel is the first one, repeated.
+__device__ inline bool is_repeated(const float* rows, const float* columns, int pixel) {
+    return pixel > 0 && rows[pixel] == rows[0] && columns[pixel] == columns[0];
 }
 
 extern "C" __global__ void copy_floats(const float* from, int size, float* to) {
@@ -59,7 +72,8 @@ extern "C" __global__ void copy_floats(const float* from, int size, float* to) {
 extern "C" __global__ void put_pixels(const float* rows, const float* columns, int pixels,
                                       const float* values, int width, float* plane) {
     const int pixel = grid_x();
-    if (pixel < pixels) plane[place_of(rows, columns, pixel, width)] = values[pixel];
+    if (pixel >= pixels || is_repeated(rows, columns, pixel)) return;
+    plane[place_of(rows, columns, pixel, width)] = values[pixel];
 }
 
 // The addresses of all pixels without a number: 1 where they are accepted, else 0.
@@ -72,7 +86,8 @@ extern "C" __global__ void begin_addresses(const unsigned char* accepted, int si
 extern "C" __global__ void number_pixels(const float* rows, const float* columns, int pixels, int width,
                                          int first, int* addresses) {
     const int pixel = grid_x();
-    if (pixel < pixels) addresses[place_of(rows, columns, pixel, width)] = first + pixel;
+    if (pixel >= pixels || is_repeated(rows, columns, pixel)) return;
+    addresses[place_of(rows, columns, pixel, width)] = first + pixel;
 }
 
 // Of planes (count, candidates, pixels) the values of each pixel's candidate of the largest score (the first

@@ -71,11 +71,14 @@ __device__ inline void clear_candidates(const CandidatePlaces& places, const Can
 
 // Surface, core and active (height, width), offsets (offset_count, 2) of which the first is (0, 0), places
 // (4, candidates, height, width): s, cost, slope_u, slope_v.
-extern "C" __global__ void propagate_candidates(
-    const float* s, const float* slope_u, const float* slope_v, const float* core, const float* level,
-    const unsigned char* active, int width, int height, const float* views, const unsigned long long* images,
-    const unsigned long long* buffers, const int* sizes, int view_count, const int* offsets, int offset_count,
-    int candidates, float separation, float floor, float unseen_cost, float tolerance, float* places) {
+extern "C" __global__ void propagate_candidates(const float* s, const float* slope_u, const float* slope_v,
+                                                const float* core, const float* level,
+                                                const unsigned char* active, int width, int height,
+                                                const float* views, const unsigned long long* images,
+                                                const unsigned long long* buffers, const int* sizes,
+                                                int view_count, const int* offsets, int offset_count,
+                                                int candidates, float separation, const float* least_variance,
+                                                float unseen_cost, float tolerance, float* places) {
     BELTSCAPE_SHARED(float, own_core, kSampled);
     BELTSCAPE_SHARED(float, given, kSampled);
     BELTSCAPE_SHARED(float, grey, kSampled);
@@ -95,6 +98,7 @@ extern "C" __global__ void propagate_candidates(
                            clamp(left - 1 + i % kSampledWidth, 0, width - 1)] -
                       level[0];
     const bool any_active = any_of_tile(is_active, flags);
+    const float floor = *least_variance;
     const CoreWindow<float> window = core_window_at(own_core, first, floor);
     const size_t field = candidates * pixels;
     float* const own = places + (exists ? pixel : 0);

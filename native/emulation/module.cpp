@@ -115,6 +115,7 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(count_pixels);
     BELTSCAPE_KERNEL(sum_counts);
     BELTSCAPE_KERNEL(list_pixels);
+    BELTSCAPE_KERNEL(repeat_first_pixel);
     BELTSCAPE_KERNEL(copy_floats);
     BELTSCAPE_KERNEL(put_pixels);
     BELTSCAPE_KERNEL(begin_addresses);

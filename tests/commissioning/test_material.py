@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.commissioning import trial
 from beltscape.commissioning.material import count_turns, find_zero_records, write_test
 from beltscape.commissioning.runner import StepRun
-from beltscape.commissioning.session import CommissionSession
-from beltscape.commissioning.state import CommissionState, ZeroAnswer
+from beltscape.commissioning.session import CommissionSession, StepProgress
+from beltscape.commissioning.state import CommissionState, RunAnswer, ZeroAnswer
 from beltscape.commissioning.steps import STEPS, find_step, get_status
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Silent
@@ -104,6 +105,10 @@ def test_what_is_missing_is_named(plant):
             {"runs": [runs[0], {"load": "full", "mass_kg": 5}]},
             r"runs: 2 \(full\): give its capture, or begin and end",
         ),
+        (
+            {"runs": [runs[0], {"load": "full", "capture": "full_1"}]},
+            r"runs: 2 \(full\): give its mass_kg or volume",
+        ),
         ({"runs": runs, "zero": {"begin": runs[0]["begin"]}}, "zero.belt_length_m"),
     ):
         state.change_settings(changes)
@@ -129,3 +134,19 @@ def test_now_is_the_present_moment_and_on_the_disk_at_once(plant):
         assert before <= begin <= datetime.now(UTC)
     state.change_settings({"operator": "eva"})
     assert CommissionState(simulated.folder).settings.zero == again.zero
+
+
+def test_a_run_of_the_trial_plant_s_own_loads_has_their_truth_and_any_other_its_answer(tmp_path):
+    state = CommissionState(tmp_path)
+    for capture in (None, "trial/heap_1", "mine/rocks_1"):
+        run = RunAnswer.model_validate({"load": "rocks", "capture": capture, "volume_m3": 0.5})
+        assert trial.compute_true_m3(state, run) == 0.5
+
+
+def test_the_page_shows_the_first_warnings_and_that_there_are_more() -> None:
+    progress = StepProgress()
+    for number in [*range(40), *range(40)]:
+        progress.warn(f"frame {number}: the same image again")
+    assert len(progress.warnings) == 21
+    assert progress.warnings[19] == "frame 19: the same image again"
+    assert "in the terminal" in progress.warnings[20]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,35 @@ def test_the_first_steps_of_the_trial_plant(plant):
     assert [get_status(again, step) for step in STEPS[:4]] == ["done"] * 4
 
 
+def test_a_file_that_is_not_there_is_named_by_its_setting(plant, capsys):
+    CommissionState(plant).change_settings({"source": "trial"})
+    run(plant, "cameras")
+    assert main(["commission", str(plant), "--set", "board.file=mine.toml", "--step", "board"]) == 2
+    line = capsys.readouterr().err
+    assert (
+        f"board.file = 'mine.toml': there is no file {plant / 'mine.toml'}; correct it, or clear it for a"
+        in line
+    )
+
+
+def test_captures_that_are_elsewhere_or_lack_images_are_named_with_the_fix(plant, tmp_path, capsys):
+    mine = tmp_path / "mine"
+    shutil.copytree(trial.DEMO_FOLDER / "calibration", mine / "calibration")
+    words = ["commission", str(plant), "--set", "source=captures", "--step", "cameras", "--set"]
+    for wrong in (str(mine / "calibration"), "nowhere"):
+        assert main([*words, f"captures={wrong}"]) == 2
+        line = capsys.readouterr().err
+        assert f"captures = {wrong!r}: {plant / wrong / 'calibration'} is no folder" in line
+        assert f"has calibration, empty and moving in it, absolute or from {plant}" in line
+    for path in sorted((mine / "calibration/cam3").iterdir())[:4]:
+        path.unlink()
+    assert main([*words, f"captures={mine}"]) == 0
+    with pytest.raises(
+        InputError, match=r"4 of 13 instants lack images \(4 of cam3\): record them again; calibrating"
+    ):
+        run(plant, "trigger")
+
+
 def test_a_finished_step_is_open_again_without_its_files_and_outdated_when_they_change(plant):
     state = CommissionState(plant)
     (plant / "rig").mkdir(parents=True)
@@ -84,6 +115,32 @@ def test_settings_are_checked_as_a_whole_and_kept_on_the_disk(plant, capsys):
         assert main([*words, "--set", wrong]) == 2
         assert wrong.split("=")[0] in capsys.readouterr().err
     assert json.loads((plant / FILE).read_text())["settings"] == kept
+
+
+def test_the_encoder_is_answered_checked_and_written(plant, capsys):
+    words = [
+        "commission",
+        str(plant),
+        "--json",
+        "--set",
+        "source=cameras",
+        "--set",
+        "devices.cam0=192.168.10.11",
+    ]
+    for wrong, why in (
+        ("encoder.kind=wheel", "encoder = {'kind': 'wheel'}: kind: "),
+        ("encoder.kind=constant", "needs speed_mm_s"),
+        ("camera_encoder.mm_per_count=0.05", "give either chunk or feature"),
+    ):
+        assert main([*words, "--set", wrong]) == 2
+        assert why in capsys.readouterr().err
+    given = ["--set", "camera_encoder.chunk=CounterValue", "--set", "camera_encoder.mm_per_count=0.05"]
+    assert main([*words, "--set", "encoder.kind=camera", *given]) == 0
+    state = CommissionState(plant)
+    project = tomllib.loads(project_text.format_project(plant, state.settings))
+    assert project["encoder"] == {"kind": "camera"}
+    assert project["cameras"]["encoder"] == {"chunk": "CounterValue", "mm_per_count": 0.05}
+    assert project["cameras"]["devices"] == {"cam0": "192.168.10.11"}
 
 
 def test_assignments_are_toml_values_or_texts():

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from tests.docs.system import demand
+from tests.docs.blocks import read_blocks
+from tests.docs.system import ROOT, demand
 from tests.pipeline.certifying.plants import SimulatedPlant
 from tests.sinks.ledgers import ledger
 
@@ -27,6 +28,18 @@ def make_tested_history(folder: Path) -> None:
         for load in ("half", "full", "half", "full"):
             plant.add_run(load)
         plant.write_history()
+
+
+def write_test_file(folder: Path) -> None:
+    """Write the material test's file of the manual, as the step writes it of answers, unless there is one."""
+    path, page = folder / "material_test.toml", "docs/reference/certificates.md"
+    if not path.is_file():
+        text = (ROOT / page).read_text()
+        blocks = [
+            one.text for one in read_blocks(page, text) if one.kind == "toml" and "[[runs]]" in one.text
+        ]
+        demand(blocks, f"{page}: no test's file")
+        path.write_text(blocks[0])
 
 
 def find_newest(folder: Path, named: str) -> str:

@@ -19,7 +19,7 @@ import yaml
 from beltscape.cli.catalogue import COMMANDS
 from beltscape.files.encoder_csv import read_encoder
 from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
-from tests.docs.plant import find_newest, make_history, make_tested_history
+from tests.docs.plant import find_newest, make_history, make_tested_history, write_test_file
 from tests.docs.program import call, narrowed, parser_of, unknown_options
 from tests.docs.results import Results
 from tests.docs.service import curl, run_service
@@ -189,6 +189,7 @@ class Reader:
                 make_history(self.folder / name)
         if words[0] in ("certify", "explain", "budget"):
             make_tested_history(self.folder)
+            write_test_file(self.folder)
         if words[:2] == ["certify", "verify"]:  # of this year
             small[2] = str(max((self.folder / "data/certificates").glob("*.html")).relative_to(self.folder))
         if words[0] == "restore":

@@ -103,3 +103,23 @@ def test_the_key_is_for_its_owner_alone_and_stays(tmp_path) -> None:
     (tmp_path / "key.pub").write_text("AAAA")
     with pytest.raises(InputError, match="no public key"):
         read_public_key(tmp_path / "key.pub")
+
+
+def test_a_lost_key_is_not_replaced_by_another_one(tmp_path) -> None:
+    first = open_key(tmp_path).public_key
+    (tmp_path / "key.pub").unlink()
+    assert open_key(tmp_path).public_key == first
+    assert read_public_key(tmp_path / "key.pub") == first, "a program was killed before it wrote it"
+    kept = (tmp_path / "key.pem").read_bytes()
+    (tmp_path / "key.pem").unlink()
+    with pytest.raises(
+        InputError, match=r"key\.pem: is lost, while key\.pub is there; restore it from a backup"
+    ):
+        open_key(tmp_path)
+    assert not (tmp_path / "key.pem").exists()
+    open_key(tmp_path / "other")
+    (tmp_path / "key.pem").write_bytes((tmp_path / "other/key.pem").read_bytes())
+    with pytest.raises(InputError, match=r"key\.pub: is not that of key\.pem"):
+        open_key(tmp_path)
+    (tmp_path / "key.pem").write_bytes(kept)
+    assert open_key(tmp_path).public_key == first

@@ -59,6 +59,10 @@ class FakeGpu:
     def launch(self, stream: Any, config: Any, kernel: str, *arguments: Any) -> None:
         if self.failure:
             raise self.failure
+        if isinstance(stream, GraphBuilder):
+            assert stream.state == "building"
+            stream.launches.append((config, kernel, *arguments))
+            return
         self.launches.append(kernel)
         ready = []
         for given, (dtype, is_pointer) in zip(arguments, self.kernels[kernel], strict=True):
@@ -116,6 +120,35 @@ class LaunchConfig:
         self.grid, self.block, self.shmem_size = grid, block, shmem_size
 
 
+class GraphBuilder:
+    """A graph that is captured: launches given to it do not run."""
+
+    def __init__(self, gpu: FakeGpu) -> None:
+        self._gpu = gpu
+        self.launches: list[tuple[Any, ...]] = []
+        self.state = "new"
+
+    def begin_building(self) -> GraphBuilder:
+        assert self.state == "new"
+        self.state = "building"
+        return self
+
+    def end_building(self) -> GraphBuilder:
+        assert self.state == "building"
+        self.state = "ended"
+        return self
+
+    def complete(self) -> GraphBuilder:
+        assert self.state == "ended"
+        self.state = "complete"
+        return self
+
+    def launch(self, stream: Stream) -> None:
+        assert self.state == "complete"
+        for each in self.launches:
+            self._gpu.launch(stream, *each)
+
+
 class Code:
     """The compiled kernels."""
 
@@ -142,6 +175,9 @@ def install(monkeypatch: Any, gpu: FakeGpu) -> None:
         def create_stream(self) -> Stream:
             return Stream(gpu)
 
+        def create_graph_builder(self) -> GraphBuilder:
+            return GraphBuilder(gpu)
+
         def allocate(self, size: int, *, stream: Stream) -> Buffer:
             return Buffer(gpu, size)
 
@@ -153,7 +189,9 @@ def install(monkeypatch: Any, gpu: FakeGpu) -> None:
         return 0, FREE_BYTES, 2 * FREE_BYTES
 
     core = SimpleNamespace(Device=Device, LaunchConfig=LaunchConfig, launch=gpu.launch)
-    driver = SimpleNamespace(cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy, cuMemGetInfo=count_free)
+    driver = SimpleNamespace(
+        cuMemcpyHtoDAsync=copy, cuMemcpyDtoHAsync=copy, cuMemcpyDtoDAsync=copy, cuMemGetInfo=count_free
+    )
     monkeypatch.setitem(sys.modules, "cuda.core", core)
     monkeypatch.setitem(sys.modules, "cuda.bindings", SimpleNamespace(driver=driver))
     back_end = "beltscape.kernels.cuda.cuda_device"

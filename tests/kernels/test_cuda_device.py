@@ -15,6 +15,7 @@ from beltscape.kernels.backend import gpu_failures
 from beltscape.kernels.cuda.cuda_device import CudaDevice
 from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from beltscape.kernels.native import levels
+from beltscape.kernels.planes import blur
 from beltscape.pipeline.installation import check_graphics, check_kernels
 from tests.kernels import fake_cuda
 from tests.kernels.rounding import ROUNDED, first_alike, fusing_levels
@@ -64,6 +65,26 @@ def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
     assert gpu.streams <= 4, (
         "one for memory, and for calls one after the other or, of expressions, within another"
     )
+
+
+def average_twice(plane):
+    return blur(blur(plane, (3, 3)), (5, 5))
+
+
+def test_a_recorded_function_is_captured_and_launched_as_a_graph(gpu):
+    planes = [np.random.default_rng(seed).uniform(1, 2, (30, 40)).astype(np.float32) for seed in range(3)]
+    kernels = load("cuda")
+    found = [
+        kernels.run_resident(
+            lambda same, plane=plane: np.asarray(same.replay(average_twice, same.keep(plane)))
+        )
+        for plane in planes
+    ]
+    launches = ["sum_window_rows", "average_window_columns"] * 2
+    assert gpu.launches == launches * 3, "captured launches do not run"
+    for plane, each in zip(planes, found, strict=True):
+        np.testing.assert_allclose(each, average_twice(plane), rtol=1e-6)
+    assert kernels.failure is None
 
 
 def test_kernels_that_the_gpu_lacks_run_on_the_processor(gpu):
@@ -135,6 +156,15 @@ def test_a_machine_without_a_usable_gpu_is_named(gpu):
     assert str(error.value) == (
         'there is no usable GPU: "cuda" is an NVIDIA driver library; install Nvidia\'s driver'
     )
+
+
+def test_a_machine_without_a_driver_is_named(gpu, monkeypatch):
+    def find_driver(number):
+        raise RuntimeError('"cuda" is an NVIDIA driver library')
+
+    monkeypatch.setattr(sys.modules["cuda.core"], "Device", find_driver)
+    with pytest.raises(KernelError, match=r"^there is no usable GPU: .* install Nvidia's driver$"):
+        CudaDevice()
 
 
 def test_doctor_says_which_kernels_run_on_the_gpu(gpu):

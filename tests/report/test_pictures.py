@@ -23,7 +23,7 @@ from beltscape.report.blue_noise import draw_quality
 from beltscape.report.calibration_plots import STATES, coverage_picture, draw_coverage
 from beltscape.report.control_pictures import draw_simulated_frame
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import WIDE, draw_dots, draw_lines, make_panels, to_png
+from beltscape.report.drawing.plots import WIDE, draw_dots, draw_lines, make_panels, to_png, use_decimal_mark
 from beltscape.report.notebook import plot, plot_records
 from beltscape.target.blue_noise import measure_blue_noise
 from beltscape.target.pattern import PatternSettings, make_pattern
@@ -212,3 +212,14 @@ def test_preview_of_a_simulation_shows_every_image_and_the_depth() -> None:
         shown = cv2.resize(each, (776, 582), interpolation=cv2.INTER_LINEAR)
         found = cv2.matchTemplate(picture[..., 1], shown, cv2.TM_CCOEFF_NORMED)
         assert found.max() > 0.9
+
+
+def test_ticks_have_the_decimal_mark_of_the_language():
+    panels: tuple[Any, list[Any]] = make_panels(1, WIDE)
+    figure, (axis,) = panels
+    axis.barh([0, 1], [0.25, 0.5])
+    axis.set_yticks([0, 1], ["v. 1", "v. 2"])
+    use_decimal_mark([axis], ",")
+    figure.draw_without_rendering()
+    assert "0,1" in [one.get_text() for one in axis.get_xticklabels()]
+    assert [one.get_text() for one in axis.get_yticklabels()] == ["v. 1", "v. 2"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.photoconsistency import compute_difference_variance, estimate_gain_maps
+from beltscape.stereo.multiview.photoconsistency import compute_difference_variance, estimate_gain
 from beltscape.stereo.multiview.surface import compute_visibility, subsample_projection
 from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_scale
 
@@ -18,7 +18,7 @@ STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 def estimate(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
     prepared = with_scale(made.prepared)
     _, buffers = compute_visibility(made.s, prepared.views, prepared.sizes, load())
-    return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers)
+    return estimate_gain(made.s, np.full(made.s.shape, cost), prepared, buffers).gains
 
 
 def with_levels(made: Scene, factor: np.ndarray) -> Scene:

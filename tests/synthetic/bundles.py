@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibration.solver.bundle import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.bundle import Geometry, Observations
 from beltscape.calibration.solver.lens import pack_intrinsics
+from beltscape.calibration.solver.prior import BundlePrior
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections
 

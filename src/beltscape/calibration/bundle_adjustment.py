@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
+from beltscape.calibration.network.two_sides import compute_place_sigma
 from beltscape.calibration.solver.bundle import (
     Bundle,
-    BundlePrior,
     Geometry,
     Indices,
     Observations,
@@ -37,11 +37,12 @@ from beltscape.calibration.solver.levenberg_marquardt import (
     minimise,
     single_thread,
 )
+from beltscape.calibration.solver.prior import RIGID_SIGMA_MM, BundlePrior, build_loose_modes
 from beltscape.core.arrays import Array
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.board import Board, BoardSet, corner_points_mm
 
 SHAPE_SIGMA_SHARE = 0.002
 """Prior standard deviation of a corner about its nominal position, over the board's diagonal."""
@@ -162,7 +163,8 @@ class BundleAdjustmentResult:
     sigma_px: Array
     """(C,) one standard deviation of a corner's coordinate, by camera."""
     shape_mm: Array
-    """(P, 3) the board's corners minus their nominal positions; 0 in axes without significant deviation."""
+    """(P, 3) the board's corners minus their nominal positions; 0 in axes without significant deviation. Boards of
+    a set whose place was estimated are taken where the adjustment finds them."""
     own_view_cameras: tuple[str, ...]
     """Cameras whose intrinsics follow from their own views, because the cameras' views are inconsistent."""
 
@@ -195,6 +197,9 @@ def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentR
         frames, observations = collect_observations(hierarchy, detections, tuple(hierarchy.rig.cameras))
         geometry = initialise_geometry(hierarchy, observations, frames, board_mm)
         prior = make_prior(hierarchy, board_mm)
+        if isinstance(board, BoardSet):
+            corners, sigma = board.list_loose_corners(), compute_place_sigma(board)
+            prior = replace(prior, loose_corners=corners, loose_sigma=sigma)
         bundle, geometry, sigma = _fit_shape(observations, prior, geometry, get_monocular_sigma(hierarchy))
         own_view_cameras = _find_misfitting(hierarchy, sigma)
         # the disagreement of asynchronous cameras concerns all of them equally, so all get the same noise
@@ -203,8 +208,8 @@ def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentR
             prior = _add_monocular_priors(prior, hierarchy, detections, own_view_cameras, board_mm)
             bundle, geometry, sigma = _fit_shape(observations, prior, geometry, sigma, spread)
         shape_sigma = _estimate_shape_sigma(bundle, geometry) if bundle.adjusts_shape else np.zeros(3)
-        prior = replace(prior, points_sigma_mm=shape_sigma)
-        flat = np.where(shape_sigma > 0, geometry.points_mm, board_mm)
+        prior = replace(prior, points_sigma_mm=np.maximum(shape_sigma, _get_rigid_sigma(prior)))
+        flat = np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm)
         bundle, geometry, kept = _fit_final(
             observations, prior, replace(geometry, points_mm=flat), sigma, spread
         )
@@ -212,9 +217,22 @@ def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentR
     sigma = np.array(
         [bundle.observations.sigma_px[observations.camera == c][0] for c in range(len(rig.cameras))]
     )
-    return BundleAdjustmentResult(
-        rig, bundle, geometry, frames, kept, sigma, geometry.points_mm - board_mm, own_view_cameras
-    )
+    shape_mm = _compute_shape(prior, geometry) if shape_sigma.any() else np.zeros_like(board_mm)
+    return BundleAdjustmentResult(rig, bundle, geometry, frames, kept, sigma, shape_mm, own_view_cameras)
+
+
+def _get_rigid_sigma(prior: BundlePrior) -> Array:
+    """Return the standard deviation (3,) of the corners of boards that keep their shapes; 0 where none is loose."""
+    return np.full(3, RIGID_SIGMA_MM if prior.loose_corners else 0.0)
+
+
+def _compute_shape(prior: BundlePrior, geometry: Geometry) -> Array:
+    """Return how far (P, 3) the corners are off the drawing, without what loose boards moved as a whole."""
+    off = geometry.points_mm - prior.points_mm
+    if not prior.loose_corners:
+        return off
+    modes = build_loose_modes(prior)
+    return off - (np.linalg.lstsq(modes.T, off.ravel())[0] @ modes).reshape(off.shape)
 
 
 def _fit_shape(
@@ -225,7 +243,7 @@ def _fit_shape(
     spread: float = MAX_NOISE_RATIO,
 ) -> tuple[Bundle, Geometry, Array]:
     """Adjust with Student's weights, with the board's shape only if one more step shows that it deviates."""
-    plain = replace(prior, points_sigma_mm=np.zeros(3))
+    plain = replace(prior, points_sigma_mm=_get_rigid_sigma(prior))
     start = replace(geometry, points_mm=prior.points_mm)
     bundle, geometry, sigma = _fit_robust(observations, plain, start, sigma, spread)
     shaped = Bundle(bundle.observations, prior, bundle.weights)
@@ -319,7 +337,7 @@ def _estimate_shape_sigma(bundle: Bundle, geometry: Geometry, least: float = SIG
 
     It is estimated from the corners that the images determine far better than the prior does.
     """
-    deviation = geometry.points_mm - bundle.prior.points_mm
+    deviation = _compute_shape(bundle.prior, geometry)
     variance = np.diag(bundle.linearise(geometry).covariance())[-deviation.size :].reshape(-1, 3)
     informed = variance < 0.1 * bundle.prior.points_sigma_mm**2
     weights = np.where(informed, variance**-2.0, 0.0)

@@ -20,8 +20,8 @@ from beltscape.calibration.network.association import (
     select_core,
 )
 from beltscape.calibration.network.board_symmetry import unify_numbering
+from beltscape.calibration.network.contradicting_frames import ContradictingFrame
 from beltscape.calibration.network.global_optimisation import optimise_network
-from beltscape.calibration.network.instants import MissingInstant
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.network.synchronisation import find_frame_misfits
 from beltscape.calibration.solver.lens import LensPrior
@@ -52,8 +52,8 @@ class HierarchyResult:
     """Cameras whose pose relative to the core is given and fixed."""
     lens_choices: tuple[LensChoice, ...] = ()
     """The lens models of the cameras whose intrinsics were not given."""
-    missing_instants: tuple[MissingInstant, ...] = ()
-    """Frames whose views the detections lack, because the cameras were not triggered together in them."""
+    contradicting_frames: tuple[ContradictingFrame, ...] = ()
+    """Frames whose views the detections lack: they contradict the pose between cameras that the others give."""
 
 
 def solve_hierarchy(

@@ -24,8 +24,8 @@ from beltscape.calibration.intrinsics.zhang import (
     set_up_adjustment,
 )
 from beltscape.calibration.network.association import CameraNetwork, associate_cameras
+from beltscape.calibration.network.contradicting_frames import MIN_FRAMES
 from beltscape.calibration.network.global_optimisation import optimise_network
-from beltscape.calibration.network.instants import MIN_FRAMES
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.solver.lens import compute_lens_prior, list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise, single_thread
@@ -101,7 +101,7 @@ def _refit(
 
 
 def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> list[Pair]:
-    """Return the pairs that may lack a common instant in some frames.
+    """Return the pairs that some frames may contradict.
 
     Their cameras fit far worse in the joint adjustment than alone, or they or the adjustment rejected whole frames.
     """

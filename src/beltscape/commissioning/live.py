@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -201,10 +202,14 @@ def encode_jpeg(image: Image) -> bytes:
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 
 
-def prove_instants(folder: Path, core: str) -> dict[str, int]:
-    """Return how many instants a recorded capture has, and at how many of them a camera has no image."""
+def prove_instants(folder: Path, core: str) -> dict[str, Any]:
+    """Return how many instants a recorded capture has, how many lack an image, and how many each camera lacks."""
     capture = read_capture(folder)
     incomplete = sum(any(frame not in own for own in capture.files.values()) for frame in capture.frames)
     if core and core not in capture.cameras:
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
-    return {"instants": len(capture.frames), "incomplete": incomplete}
+    lacking = {name: len(set(capture.frames) - own.keys()) for name, own in capture.files.items()}
+    facts: dict[str, Any] = {"instants": len(capture.frames), "incomplete": incomplete}
+    return (
+        {**facts, "lacking": {key: count for key, count in lacking.items() if count}} if incomplete else facts
+    )

@@ -15,8 +15,8 @@ from typing import Any
 from beltscape.commissioning import trial
 from beltscape.commissioning.project_text import format_table, format_value
 from beltscape.commissioning.state import (
+    CommissionSettings,
     CommissionState,
-    MeasuredAnswer,
     RunAnswer,
     SampleAnswer,
     ZeroAnswer,
@@ -38,6 +38,23 @@ _SPARE = 0.5
 """Part of a record's length by which the belt may end before whole turns: its nearest record is taken."""
 
 
+def require_answers(settings: CommissionSettings) -> None:
+    """Raise SettingsError with the first answer that a material test lacks, before anything is measured for it."""
+    if len(settings.runs) < 2:
+        raise SettingsError("runs: give two runs or more of known mass or volume, or material_test=FILE")
+    for number, run in enumerate(settings.runs, 1):
+        where = f"runs: {number} ({run.load})"
+        if run.capture is None and (run.begin is None or run.end is None):
+            raise SettingsError(f"{where}: give its capture, or begin and end in the plant's records")
+        if run.mass_kg is None and run.volume_m3 is None:
+            raise SettingsError(f"{where}: give its mass_kg or volume_m3")
+    zero = settings.zero
+    if (zero.capture is not None or zero.begin is not None) and zero.belt_length_m is None:
+        raise SettingsError(
+            "zero.belt_length_m: give the length of the endless belt, m: the zero is over whole turns"
+        )
+
+
 def write_test(state: CommissionState) -> None:
     """Write the material test's file of what was answered.
 
@@ -47,8 +64,7 @@ def write_test(state: CommissionState) -> None:
         Where too little was answered, or the belt has not turned whole times since the zero's beginning.
     """
     settings = state.settings
-    if len(settings.runs) < 2:
-        raise SettingsError("runs: give two runs or more of known mass or volume, or material_test=FILE")
+    require_answers(settings)
     reference = {key: value for key, value in settings.reference.model_dump().items() if value != ""}
     head = {
         "name": "commissioning",
@@ -60,10 +76,7 @@ def write_test(state: CommissionState) -> None:
     lines += [format_table(kind, reference) for kind in sorted(kinds)]
     lines += [format_table(name, sample) for name, sample in _list_samples(settings.samples)]
     lines += [format_table("zero", zero) for zero in _list_zero(state)]
-    lines += [
-        format_table("runs", dict(_list_run(state, run, number)), is_list=True)
-        for number, run in enumerate(settings.runs, 1)
-    ]
+    lines += [format_table("runs", dict(_list_run(state, run)), is_list=True) for run in settings.runs]
     write_text(state.folder / TEST_FILE, "\n".join(lines))
 
 
@@ -78,28 +91,22 @@ def _list_samples(samples: SampleAnswer) -> Iterator[tuple[str, dict[str, Any]]]
         )
 
 
-def _list_run(state: CommissionState, run: RunAnswer, number: int) -> Iterator[tuple[str, Any]]:
+def _list_run(state: CommissionState, run: RunAnswer) -> Iterator[tuple[str, Any]]:
     yield "load", run.load
-    yield from _list_place(run, f"runs: {number} ({run.load})")
+    if run.capture is not None:
+        yield "flow", name_flow(run.capture)
+    else:
+        assert run.begin is not None
+        assert run.end is not None
+        yield "begin", run.begin.isoformat()
+        yield "end", run.end.isoformat()
     if run.mass_kg is not None:
         yield "mass_kg", run.mass_kg
     else:
-        yield (
-            "volume_m3",
-            trial.compute_true_m3(state, run) if state.settings.source == "trial" else run.volume_m3,
-        )
+        is_trial = state.settings.source == "trial"
+        yield "volume_m3", trial.compute_true_m3(state, run) if is_trial else run.volume_m3
     if run.ticket:
         yield "ticket", run.ticket
-
-
-def _list_place(answer: MeasuredAnswer, where: str) -> Iterator[tuple[str, Any]]:
-    if answer.capture is not None:
-        yield "flow", name_flow(answer.capture)
-        return
-    if answer.begin is None or answer.end is None:
-        raise SettingsError(f"{where}: give its capture, or begin and end in the plant's records")
-    yield "begin", answer.begin.isoformat()
-    yield "end", answer.end.isoformat()
 
 
 def _list_zero(state: CommissionState) -> Iterator[dict[str, Any]]:
@@ -107,10 +114,6 @@ def _list_zero(state: CommissionState) -> Iterator[dict[str, Any]]:
     zero = state.settings.zero
     if zero.capture is None and zero.begin is None:
         return
-    if zero.belt_length_m is None:
-        raise SettingsError(
-            "zero.belt_length_m: give the length of the endless belt, m: the zero is over whole turns"
-        )
     table: dict[str, Any] = {"revolutions": zero.revolutions}
     if zero.capture is not None:
         yield {**table, "flow": name_flow(zero.capture)}

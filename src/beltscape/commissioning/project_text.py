@@ -46,6 +46,8 @@ def format_project(folder: Path, settings: CommissionSettings) -> str:
     ]
     if settings.source == "cameras":
         lines.append(format_cameras(settings))
+        if settings.camera_encoder:
+            lines.append(format_table("cameras.encoder", settings.camera_encoder))
         encoder = dict(settings.encoder)
     else:
         capture = find_capture(settings, MOVING)

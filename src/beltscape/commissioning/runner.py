@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from beltscape.commissioning import material, project_text, trial
+from beltscape.commissioning.former import list_former, set_former_aside
 from beltscape.commissioning.live import collect_complete, open_source, prove_instants
 from beltscape.commissioning.optics import assess_all
 from beltscape.commissioning.state import CommissionSettings, CommissionState
@@ -27,6 +28,7 @@ from beltscape.commissioning.steps import (
     PROJECT,
     RIG,
     SKEW,
+    TRIGGER,
     VIEWS,
     Words,
     find_capture,
@@ -78,11 +80,26 @@ class StepRun:
         step = find_step(name)
         if missing := find_missing(self._state, step):
             raise InputError(f"step {name}: finish the step {missing} first")
+        self._require_files(name)
         with self._state.lock() as self._lock:
             project_text.write_cameras(self._state)
             facts = to_plain(_STEPS[name](self))
         self._state.finish(name, facts, step.inputs)
         return facts
+
+    def _require_files(self, name: str) -> None:
+        """Raise InputError with the setting that names a file of a step which is not there."""
+        settings = self._state.settings
+        key, path, instead = {
+            "board": ("board.file", settings.board.file, "for a board to print"),
+            "calibrate": ("plan", settings.plan, "for the core camera's whole view"),
+            "material": ("material_test", settings.material_test, "for the runs that were answered"),
+        }.get(name, ("", None, ""))
+        if path is not None and not (self._state.folder / path).is_file():
+            where = (self._state.folder / path).resolve()
+            raise InputError(
+                f"{key} = {str(path)!r}: there is no file {where}; correct it, or clear it {instead}"
+            )
 
     def cancel(self) -> None:
         """End the command that runs; the step stays open."""
@@ -133,26 +150,40 @@ class StepRun:
                 self._reporter.warn(text.removeprefix("warning: "))
 
     def _find_cameras(self) -> Facts:
-        state, settings = self._state, self._state.settings
-        if settings.source is None:
+        state = self._state
+        if state.settings.source is None:
             raise SettingsError("source: give trial, captures or cameras")
-        if settings.source == "trial":
-            state.change_settings(trial.make_trial(state))
+        names = self._list_cameras()
+        set_former_aside(state)
+        core = state.settings.core or names[0]
+        if core not in names:
+            raise SettingsError(f"core = {core!r}: no such camera; there are {', '.join(names)}")
+        if not state.settings.core:
+            state.change_settings({"core": core})
+        facts: Facts = {"cameras": len(names), "names": list(names), "core": core}
+        former = list_former(state.folder)
+        return {**facts, "set_aside": former} if former else facts
+
+    def _list_cameras(self) -> tuple[str, ...]:
+        """Return the names of the cameras, which answer or have views of the board."""
+        state, settings = self._state, self._state.settings
         if settings.source == "cameras":
             if len(settings.devices) < 2:
                 raise SettingsError("devices: name two cameras or more, such as devices.cam0=192.168.10.11")
             self._check_cameras("cameras")
-            names = tuple(settings.devices)
-        else:
-            if settings.source == "captures" and settings.captures is None:
-                raise SettingsError("captures: give the folder with calibration, empty and moving")
-            names = read_capture(state.folder / find_capture(state.settings, VIEWS)).cameras
-        core = settings.core or names[0]
-        if core not in names:
-            raise SettingsError(f"core = {core!r}: no such camera; there are {', '.join(names)}")
-        if not settings.core:
-            state.change_settings({"core": core})
-        return {"cameras": len(names), "names": list(names), "core": core}
+            return tuple(settings.devices)
+        if settings.source == "trial":
+            set_former_aside(state)
+            state.change_settings(trial.make_trial(state))
+        elif settings.captures is None:
+            raise SettingsError("captures: give the folder with calibration, empty and moving")
+        views = state.folder / find_capture(state.settings, VIEWS)
+        if not views.is_dir():
+            raise InputError(
+                f"captures = {str(settings.captures)!r}: {views.resolve()} is no folder; give the folder that has "
+                f"{VIEWS}, {EMPTY} and {MOVING} in it, absolute or from {state.folder.resolve()}"
+            )
+        return read_capture(views).cameras
 
     def _check_cameras(self, name: str) -> Facts:
         """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
@@ -206,15 +237,13 @@ class StepRun:
         if settings.source != "cameras":
             facts: Facts = prove_instants(self._state.folder / find_capture(settings, VIEWS), settings.core)
         else:
-            _set_aside(self._state.folder / "trigger")
+            _set_aside(self._state.folder / TRIGGER)
             document = self.call_all("trigger")
-            facts = {"instants": document["frames"], "incomplete": document["incomplete"],
+            facts = {**prove_instants(self._state.folder / TRIGGER, settings.core),
+                     "instants": document["frames"], "incomplete": document["incomplete"],
                      "dropped": document["dropped"], "allowed_skew_ms": settings.allowed_skew_ms}  # fmt: skip
         if facts["incomplete"]:
-            raise InputError(
-                f"{facts['incomplete']} of {facts['instants']} instants lack a camera's image: check the trigger's "
-                "wire and the network, or allowed_skew_ms; then prove it again"
-            )
+            raise InputError(describe_incomplete(facts, settings))
         return facts
 
     def _make_board(self) -> Facts:
@@ -299,6 +328,8 @@ class StepRun:
 
     def _test_material(self) -> Facts:
         state = self._state
+        if state.settings.material_test is None:
+            material.require_answers(state.settings)
         document: Any = {}
         for words in list_commands(state, "material"):
             if words[0] == "certify" and state.settings.material_test is None:
@@ -355,6 +386,17 @@ def require_common_instant(
                 f"{name}: its delay is known to {one['sigma_ms']:.2g} ms only, too coarse for skew_limit_ms = "
                 f"{limit:g}: swing the board faster, or give more instants"
             )
+
+
+def describe_incomplete(facts: Mapping[str, Any], settings: CommissionSettings) -> str:
+    """Return which cameras lack images, and what to do, in one line."""
+    lacking = ", ".join(f"{count} of {name}" for name, count in facts.get("lacking", {}).items())
+    fix = (
+        "check the trigger's wire and the network, or allowed_skew_ms; then prove it again"
+        if settings.source == "cameras"
+        else "record them again; calibrating does without them"
+    )
+    return f"{facts['incomplete']} of {facts['instants']} instants lack images ({lacking or 'all of some'}): {fix}"
 
 
 def describe_calibration(document: Mapping[str, Any]) -> Facts:

@@ -33,6 +33,8 @@ from beltscape.core.translatable_message import get_key, get_values
 ViewAction = Literal["start", "stop", "take", "anew"]
 _LINES = 6
 """Newest lines of a step's progress that are shown."""
+_WARNINGS = 20
+"""Warnings of a step that are shown: a camera that delivers one image again and again warns with every frame."""
 _TURNS_S = 3.0
 """Time between two counts of the belt's turns: a belt takes ten times as long for one."""
 SHOWN = (".html", ".png", ".pdf", ".svg")
@@ -40,7 +42,7 @@ SHOWN = (".html", ".png", ".pdf", ".svg")
 
 
 class StepProgress:
-    """Reporter that keeps the newest lines and all warnings of a step."""
+    """Reporter that keeps the newest lines and the first warnings of a step."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -51,9 +53,13 @@ class StepProgress:
         self.lines = [*self.lines, f"{stage}: {done}/{total}"][-_LINES:]
 
     def warn(self, message: str) -> None:
-        """Keep a warning, once."""
-        if message not in self.warnings:
-            self.warnings.append(message)
+        """Keep a warning, once; of too many only that there are more."""
+        if message in self.warnings or len(self.warnings) > _WARNINGS:
+            return
+        is_last = len(self.warnings) == _WARNINGS
+        self.warnings.append(
+            "further warnings: run the step in the terminal, which lists all" if is_last else message
+        )
 
 
 class TurnCounter:

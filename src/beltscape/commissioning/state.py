@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -16,7 +16,15 @@ from pathlib import Path
 from time import time_ns
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from beltscape.core.checks import is_dict, is_list_or_tuple
 from beltscape.core.errors import InputError, SettingsError
@@ -33,6 +41,8 @@ from beltscape.core.system_calls import lock_folder
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import hash_file, read_json, to_json
 from beltscape.files.toml_text import describe_fault
+from beltscape.sources.encoder.settings import EncoderSettings
+from beltscape.sources.genicam.settings import CameraEncoderSettings
 
 FILE = "commission.json"
 """Name of the file in the commissioning's folder."""
@@ -122,6 +132,22 @@ class SampleAnswer(_Table):
         return self
 
 
+def _check_as(model: type[BaseModel]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return a validator of a table that the running plant reads; it stays as it was given."""
+
+    def check(values: dict[str, Any]) -> dict[str, Any]:
+        try:
+            if values:
+                model(**values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(map(str, first["loc"]))
+            raise ValueError(f"{key}: {describe_fault(first)}" if key else describe_fault(first)) from error
+        return values
+
+    return check
+
+
 class CommissionSettings(_Table):
     """What the engineer answers; the page's forms and ``--set`` change the same."""
 
@@ -157,8 +183,10 @@ class CommissionSettings(_Table):
     plant: Annotated[str, Field(min_length=1, max_length=60)] = "belt"
     load_mm: Annotated[float, LOAD_HEIGHT] = 400.0
     density_kg_m3: Annotated[float, DENSITY] | None = None
-    encoder: dict[str, Any] = {}
+    encoder: Annotated[dict[str, Any], AfterValidator(_check_as(EncoderSettings))] = {}
     """The table [encoder] of project.toml; empty: a capture's own, or none."""
+    camera_encoder: Annotated[dict[str, Any], AfterValidator(_check_as(CameraEncoderSettings))] = {}
+    """The table [cameras.encoder], for an encoder that the core camera counts."""
     operator: _Line = ""
     reference: ReferenceAnswer = ReferenceAnswer()
     samples: SampleAnswer = SampleAnswer()
@@ -166,6 +194,13 @@ class CommissionSettings(_Table):
     runs: Annotated[tuple[RunAnswer, ...], Field(max_length=100)] = ()
     material_test: Path | None = None
     """A material test's file that is there; it goes before ``runs``."""
+
+
+def identify_cameras(settings: CommissionSettings) -> dict[str, Any]:
+    """Return what tells one set of cameras from another, for JSON; a camera with a new address is the same one."""
+    captures = str(settings.captures) if settings.source == "captures" else ""
+    names = sorted(settings.devices) if settings.source == "cameras" else []
+    return {"source": settings.source or "", "captures": captures, "names": names}
 
 
 class CommissionState:
@@ -214,9 +249,55 @@ class CommissionState:
     def change_settings(self, changes: Mapping[str, Any]) -> None:
         """Replace some settings; SettingsError with the first one that does not fit, and nothing is changed."""
         self.refresh()
-        merged = {**self._document["settings"], **_write_moments(changes)}
-        self.settings = validate_settings(merged)
+        before = self._document["settings"]
+        merged = {**before, **_write_moments(changes)}
+        settings = validate_settings(merged)
+        if self.get_record("cameras") is not None:
+            self._document.setdefault("cameras", identify_cameras(self.settings))
+        self.settings = settings
         self._document["settings"] = merged
+        if not self.has_other_cameras:
+            self._document.pop("former_settings", None)
+        else:
+            self._document.setdefault("former_settings", before)
+        self._write()
+
+    @property
+    def has_other_cameras(self) -> bool:
+        """True if the settings name other cameras than those that results were made with."""
+        return self._document.get("cameras", identify_cameras(self.settings)) != identify_cameras(
+            self.settings
+        )
+
+    @property
+    def former_source(self) -> str:
+        """What the cameras were that results were made with; empty where there are none."""
+        return self._document.get("cameras", {}).get("source", "")
+
+    def begin_former(self, name: str) -> str:
+        """Return the folder for what other cameras have left: the one that was begun, or ``name``."""
+        self.refresh()
+        if "former" not in self._document:
+            self._document["former"] = name
+            self._write()
+        return self._document["former"]
+
+    def format_former(self) -> str:
+        """Return the state as it was with the former cameras, for their folder."""
+        kept = {
+            key: self._document[key]
+            for key in ("format", "steps", "written", "cameras")
+            if key in self._document
+        }
+        return to_json({**kept, "settings": self._document.get("former_settings", {})}) + "\n"
+
+    def end_former(self, gone: Collection[str]) -> None:
+        """Forget the steps of other cameras, and those answers ``gone`` that have not been changed since."""
+        former = self._document.get("former_settings", {})
+        settings = self._document["settings"]
+        kept = {key: value for key, value in settings.items() if key not in gone or value != former.get(key)}
+        self.settings = validate_settings(kept)
+        self._document = {"format": FORMAT, "settings": kept, "steps": {}}
         self._write()
 
     def finish(self, step: str, result: Mapping[str, Any], inputs: Sequence[str]) -> None:
@@ -227,6 +308,8 @@ class CommissionState:
             "result": dict(result),
             "inputs": {name: _fingerprint(self.folder / name) for name in inputs},
         }
+        if step == "cameras":
+            self._document["cameras"] = identify_cameras(self.settings)
         self._write()
 
     def keep_written(self, name: str, text: str) -> None:

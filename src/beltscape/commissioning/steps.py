@@ -25,6 +25,8 @@ CAMERAS_FILE = "cameras.toml"
 EMPTY, MOVING, LIVE, TEST, TEST_FILE = "empty", "moving", "live_test", "test", "material_test.toml"
 SKEW = "moving_board"
 """Capture of a board that is swung before the cameras."""
+TRIGGER = "trigger"
+"""Capture that proves the trigger."""
 CALIBRATION = "rig/calibration.json"
 Status = Literal["open", "blocked", "done", "outdated"]
 Words = tuple[str, ...]
@@ -72,6 +74,8 @@ def find_step(name: str) -> Step:
 
 def get_status(state: CommissionState, step: Step) -> Status:
     """Return how a step stands."""
+    if state.has_other_cameras:
+        return "outdated" if step.name == "cameras" else "blocked"
     is_done = state.get_record(step.name) is not None
     if is_done and all((state.folder / name).exists() for name in step.outputs):
         return "outdated" if state.is_outdated(step.name) else "done"
@@ -80,6 +84,8 @@ def get_status(state: CommissionState, step: Step) -> Status:
 
 def find_missing(state: CommissionState, step: Step) -> str:
     """Return the first step that must be finished before this one; empty: none."""
+    if state.has_other_cameras and step.name != "cameras":
+        return "cameras"  # it sets aside what was made with the former ones
     for name in step.needs:
         before = find_step(name)
         is_done = state.get_record(name) is not None
@@ -120,7 +126,7 @@ def _check_cameras(settings: CommissionSettings) -> Iterator[Words]:
 
 def _prove_trigger(settings: CommissionSettings) -> Iterator[Words]:
     if settings.source == "cameras":
-        yield ("record", CAMERAS_FILE, "--out", "trigger", "--sequence", "--shots", str(settings.instants))
+        yield ("record", CAMERAS_FILE, "--out", TRIGGER, "--sequence", "--shots", str(settings.instants))
 
 
 def _make_board(settings: CommissionSettings) -> Iterator[Words]:

@@ -48,9 +48,10 @@ _SIGMA_PERCENT = 0.1
 """One standard deviation of the true volumes: their cross-sections are stated at every millimetre of belt."""
 
 
-_ANSWERS_OF_TRIAL = {"plant": "Trial plant", "density_kg_m3": 1600.0, "operator": "trial"}
-_ANSWERS = frozenset(_ANSWERS_OF_TRIAL)
-"""Settings of the trial that stay as the engineer has answered them; the others belong to its captures."""
+ANSWERS = {"plant": "Trial plant", "density_kg_m3": 1600.0, "operator": "trial"}
+"""Settings of the trial that stay as the engineer has answered them."""
+OF_CAPTURES = frozenset({"captures", "board", "load_mm", "reference", "runs"})
+"""Settings that belong to its captures."""
 
 
 def make_trial(state: CommissionState) -> dict[str, Any]:
@@ -61,9 +62,9 @@ def make_trial(state: CommissionState) -> dict[str, Any]:
     write_text(folder / MOVING / "encoder.csv", _ENCODER)
     for name in ("board.toml", "truth/volume.json", f"truth/{RIG_FILE}"):
         write_bytes(folder / Path(name).name, (DEMO_FOLDER / name).read_bytes())
-    answered = {key: getattr(state.settings, key) for key in _ANSWERS & state.settings.model_fields_set}
+    answered = {key: getattr(state.settings, key) for key in ANSWERS.keys() & state.settings.model_fields_set}
     return {
-        **_ANSWERS_OF_TRIAL,
+        **ANSWERS,
         **answered,
         "captures": CAPTURES,
         "board": {"file": f"{CAPTURES}/board.toml"},
@@ -158,10 +159,12 @@ def _read_cross_sections(folder: Path, load: str) -> tuple[np.ndarray, np.ndarra
     return edges, np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
 
 
-def compute_true_m3(state: CommissionState, run: RunAnswer) -> float:
-    """Return the true volume on the stretch of belt that a run's flow covers, m³."""
-    assert run.capture is not None, "each of the trial's runs is a capture"
-    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, run.load)
+def compute_true_m3(state: CommissionState, run: RunAnswer) -> float | None:
+    """Return the true volume on the stretch of belt that a run's flow covers, m³; what was answered of other runs."""
+    load = "" if run.capture is None else run.capture.name.rpartition("_")[0]
+    if run.capture is None or run.capture.parent != Path(CAPTURES) or load not in _LOADS:
+        return run.volume_m3
+    edges, cumulated = _read_cross_sections(state.folder / CAPTURES, load)
     strips = read_json(state.folder / name_flow(run.capture) / "flow.json")["strips"]
     low, high = np.interp([strips[0]["start_mm"], strips[-1]["end_mm"]], edges, cumulated)
     return float(high - low) * 1e-9

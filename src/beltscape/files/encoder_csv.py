@@ -41,10 +41,14 @@ def read_encoder(path: AnyPath) -> tuple[BeltReading, ...]:
     Raises
     ------
     InputError
-        When a value is not a number, a frame occurs twice, times do not increase, or the belt runs back farther than
-        it rolls when it stops.
+        When there is no such file, a value is not a number, a frame occurs twice, times do not increase, or the belt
+        runs back farther than it rolls when it stops.
     """
     path = as_path(path)
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; give another encoder.csv, or none to follow the material's own motion"
+        )
     return parse_encoder(read_text(path), str(path))
 
 

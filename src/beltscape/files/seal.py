@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError, OutputError, describe_missing_library
-from beltscape.files.atomic import commit_file, describe_refusal
+from beltscape.files.atomic import commit_file, describe_refusal, keep_state
 from beltscape.files.paths import read_text
 
 if TYPE_CHECKING:
@@ -119,7 +119,9 @@ def read_sealed(path: Path) -> Sealed:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a certificate as it was issued"
+        ) from error
     try:
         return _parse(data, path.suffix.lower())
     except (ValueError, KeyError, TypeError) as error:
@@ -166,7 +168,7 @@ def open_key(folder: Path) -> SealKey:
     Raises
     ------
     InputError
-        If its file is damaged; nothing is written over it.
+        If one of its files is damaged, or the private one was lost; nothing is written over them.
     OutputError
         If it cannot be written.
     """
@@ -174,18 +176,28 @@ def open_key(folder: Path) -> SealKey:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-    path = folder / PRIVATE_KEY
+    path, public = folder / PRIVATE_KEY, folder / PUBLIC_KEY
     if not path.exists():
+        if public.exists():
+            raise InputError(
+                f"{path}: is lost, while {PUBLIC_KEY} is there; restore it from a backup, or move {PUBLIC_KEY} "
+                "away to begin with a new key, which those who verify must get"
+            )
         return _create_key(folder)
     try:
-        key = load_pem_private_key(path.read_bytes(), None)
+        loaded = load_pem_private_key(path.read_bytes(), None)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"{path}: is no private key that can be read ({error}); restore it from a backup"
         ) from error
-    if not isinstance(key, Ed25519PrivateKey):
+    if not isinstance(loaded, Ed25519PrivateKey):
         raise InputError(f"{path}: is no key of Ed25519; restore the plant's own key from a backup")
-    return SealKey(key)
+    key = SealKey(loaded)
+    if not public.exists():  # its program was killed before it wrote it
+        _write_public(key, public)
+    elif read_public_key(public) != key.public_key:
+        raise InputError(f"{public}: is not that of {PRIVATE_KEY}; restore both from the same backup")
+    return key
 
 
 def _create_key(folder: Path) -> SealKey:
@@ -200,11 +212,15 @@ def _create_key(folder: Path) -> SealKey:
         temporary.unlink(missing_ok=True)
         with open(temporary, "wb", opener=_open_private) as file:
             file.write(text)
-        (folder / PUBLIC_KEY).write_text(b64encode(key.public_key).decode() + "\n", encoding="ascii")
         commit_file(temporary, folder / PRIVATE_KEY)
     except OSError as error:
         raise OutputError(f"{folder / PRIVATE_KEY}: {describe_refusal(error)}") from error
+    _write_public(key, folder / PUBLIC_KEY)
     return key
+
+
+def _write_public(key: SealKey, path: Path) -> None:
+    keep_state(path, b64encode(key.public_key) + b"\n")
 
 
 def _open_private(path: str, flags: int) -> int:
@@ -213,6 +229,8 @@ def _open_private(path: str, flags: int) -> int:
 
 def read_public_key(path: Path) -> bytes:
     """Return a public key, 32 bytes; InputError where the file holds none."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the plant's {PUBLIC_KEY}")
     try:
         key = b64decode(read_text(path).strip(), validate=True)
     except ValueError as error:

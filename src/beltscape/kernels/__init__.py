@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.backend import gpu_failures
+from beltscape.kernels.backend import FrameNumbers, gpu_failures
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.memory import DeviceError
 from beltscape.kernels.geometry import (
@@ -34,7 +34,7 @@ from beltscape.kernels.planes import PixelKernels, PlaneKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["Kernels", "gpu_failures", "kernels_on_gpu", "load"]
+__all__ = ["FrameNumbers", "Kernels", "gpu_failures", "kernels_on_gpu", "load"]
 
 Result = TypeVar("Result")
 Kept = TypeVar("Kept", bound=NDArray[Any])
@@ -83,10 +83,25 @@ class Kernels(
                 resident.give_up(error)
         return job(self)
 
+    @property
+    def is_resident(self) -> bool:
+        """Whether results stay on a GPU."""
+        return hasattr(self.backend, "keep")
+
     def keep(self, array: Kept) -> Kept:
         """Return an array for several kernels: itself, or one that is copied to the GPU once and is read-only."""
         keep: Callable[[Kept], Kept] | None = getattr(self.backend, "keep", None)
         return keep(array) if keep else array
+
+    def replay(self, function: Callable[..., Result], *given: Any) -> Result:
+        """Return ``function(*given)``; a GPU records its launches at the first call and then runs them as one graph.
+
+        ``function`` stands in a module and depends on its arguments alone, and so do its launches: on their shapes,
+        and on what is no array. Of numbers, only those of `beltscape.kernels.backend.FrameNumbers` may differ from
+        frame to frame. Whatever the processor needs to know of a result is read outside.
+        """
+        replay: Callable[..., Result] | None = getattr(self.backend, "replay", None)
+        return replay(function, given) if replay else function(*given)
 
     def choose_pixels(self, on_processor: int) -> int:
         """Return how many pixels a call should take together, for a number that suits a processor's caches."""

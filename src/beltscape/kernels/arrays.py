@@ -84,7 +84,9 @@ def pixel_indices(
 
 
 def demand_within(name: str, number: float, low: float, high: float) -> None:
-    """Raise KernelError when a number is not finite or not in its bounds."""
+    """Raise KernelError when a number is not finite or not in its bounds; one on a device is not examined."""
+    if isinstance(number, ResidentArray):
+        return
     if not (np.isfinite(number) and low <= number <= high):
         bounds = "positive" if low < 1e-300 and low else f"at least {low:g}"
         bounds += "" if high == inf else f" and at most {high:g}"

@@ -33,6 +33,15 @@ class Backend(Protocol):
         ...
 
 
+class FrameNumbers:
+    """Base of records whose floats differ from frame to frame: a recorded graph reads them from memory.
+
+    All other numbers among the arguments of `beltscape.kernels.Kernels.replay` are part of what is recorded.
+    """
+
+    __slots__ = ()
+
+
 class GpuFailures:
     """Why a GPU is no longer used, in this process or in one of its workers; until the program ends."""
 

@@ -111,6 +111,25 @@ class Expression:
     """Operations of its program, with those of operands that are expressions."""
 
 
+def find_type(operand: Any) -> Any:
+    """Return the type of an operand's elements; Python's numbers have Python's types."""
+    if isinstance(operand, bool):
+        return BOOL
+    return type(operand) if isinstance(operand, int | float) and not isinstance(operand, np.generic) else (
+        operand.dtype if hasattr(operand, "dtype") else np.dtype(object)
+    )  # fmt: skip
+
+
+def find_step(index: Any) -> slice | None:
+    """Return the slice that an index takes of rows and columns, if it is the same for both and has no end."""
+    if not (
+        isinstance(index, tuple) and len(index) == 2 and isinstance(index[0], slice) and index[0] == index[1]
+    ):
+        return None
+    every = index[0]
+    return every if every.stop is None and (every.step or 1) > 1 and (every.start or 0) >= 0 else None
+
+
 @lru_cache(maxsize=512)
 def find_result_type(function: Any, types: tuple[Any, ...]) -> np.dtype[Any] | None:
     """Return the type of NumPy's result for operands of some types; None where the device lacks the operation."""

@@ -82,23 +82,35 @@ def subsample_plane(given: Any) -> tuple[Floats]:
 
 
 def list_pixels(given: Any) -> tuple[Floats, Floats, NDArray[np.int32]]:
-    """Return rows and columns, of which the first count, and their number (1,)."""
+    """Return rows and columns, of which the first count, and their number (1,); then the first pixel repeated."""
     rows, columns = (index.astype(np.float32) for index in np.nonzero(given.mask))
-    return rows, columns, np.array([len(rows)], np.int32)
+    count = len(rows)
+    beyond = min(count // 8 + 8, given.mask.size - count) if count else 0
+    rows, columns = (np.append(index, np.repeat(index[:1], beyond)) for index in (rows, columns))
+    return rows, columns, np.array([count], np.int32)
+
+
+def _mask_first(rows: Floats, columns: Floats) -> NDArray[np.bool_]:
+    """Return the mask (N,) of a list's pixels without the repetitions of its first."""
+    once = (rows != rows[:1]) | (columns != columns[:1])
+    once[:1] = True
+    return once
 
 
 def put_pixels(given: Any) -> tuple[Floats]:
     """Return the plane (H, W) with the values."""
     plane = given.plane.copy()
-    plane[given.rows.astype(int), given.columns.astype(int)] = given.values
+    once = _mask_first(given.rows, given.columns)
+    plane[given.rows[once].astype(int), given.columns[once].astype(int)] = given.values[once]
     return (plane,)
 
 
 def assign_addresses(given: Any) -> tuple[NDArray[np.int32]]:
     """Return the addresses (H, W)."""
     addresses = (given.accepted != 0).astype(np.int32)
-    places = given.rows.astype(int), given.columns.astype(int)
-    addresses[places] = np.arange(given.first, given.first + len(given.rows), dtype=np.int32)
+    once = _mask_first(given.rows, given.columns)
+    places = given.rows[once].astype(int), given.columns[once].astype(int)
+    addresses[places] = np.flatnonzero(once) + given.first
     return (addresses,)
 
 

@@ -33,6 +33,7 @@ __all__ = [
     "median_blur",
     "repeat_blocks",
     "to_processor",
+    "to_single",
 ]
 
 Floats = NDArray[np.floating]
@@ -166,11 +167,15 @@ class PixelKernels(KernelFamily):
     """Kernels of lists of pixels, by their rows and columns as float32."""
 
     def list_pixels(self, mask: NDArray[Any]) -> Pixels:
-        """Return rows and columns (N,) of the mask's pixels, row by row."""
+        """Return rows and columns (N,) of the mask's pixels, row by row.
+
+        On a GPU N is rounded up, by at most an eighth, and the first pixel repeated: lists of nearly one length go
+        through one graph.
+        """
         given = MaskInput(flags("mask", mask, mask.shape))
         out = *(np.empty(mask.size, np.float32) for _ in range(2)), np.empty(1, np.int32)
         rows, columns, count = self._run("list_pixels", given, out, 1)
-        number = int(count[0])
+        number = round_up(int(count[0]))
         return rows[:number], columns[:number]
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
@@ -179,7 +184,7 @@ class PixelKernels(KernelFamily):
         return keep(array) if keep else array
 
     def put_pixels(self, plane: Floats, pixels: Pixels, values: Floats) -> Plane:
-        """Return the plane (H, W) with other values (N,) at some pixels."""
+        """Return the plane (H, W) with other values (N,) at some pixels; the first counts if one is repeated."""
         rows, columns = pixels
         checked = float32("values", values, rows.shape)
         given = PutInput(float32("plane", plane, ("H", "W")), rows, columns, checked)
@@ -203,6 +208,12 @@ class PixelKernels(KernelFamily):
         out = np.empty((len(planes), checked.shape[1]), np.float32)
         (found,) = self._run("pick_best", given, (out,), 1)
         return found
+
+
+def round_up(count: int) -> int:
+    """Return the length of a list that holds ``count`` pixels: at most an eighth more, or 7."""
+    unit = max(8, 1 << max(0, count.bit_length() - 4))
+    return -(-count // unit) * unit
 
 
 def _odd_windows(size: Size) -> Size:
@@ -298,6 +309,11 @@ def interpolate_plane(plane: Floats, size: Size) -> Plane:
     if kernels is None:
         return _on_processor().interpolate_plane(PlaneInput(cast("Plane", plane)), size)[0]
     return kernels.interpolate_plane(plane, size)
+
+
+def to_single(number: float) -> Any:
+    """Return a number in single precision; one of a recorded graph is in it already."""
+    return number if isinstance(number, ResidentArray) else np.float32(number)
 
 
 def _on_processor() -> Any:

@@ -30,6 +30,8 @@ from beltscape.kernels.expressions import (
     ProgramWriter,
     ResidentOperations,
     find_result_type,
+    find_step,
+    find_type,
     number_of,
     wraps_around,
 )
@@ -144,6 +146,11 @@ class ResidentArray(NDArrayOperatorsMixin):
         return prod(self._value.shape)
 
     @property
+    def identity(self) -> int:
+        """The same for arrays that are the same one."""
+        return id(self._value)
+
+    @property
     def operations(self) -> ResidentOperations | None:
         """The back end that computes with it; None for an array that was kept without one."""
         return self._value.operations
@@ -156,6 +163,19 @@ class ResidentArray(NDArrayOperatorsMixin):
             if value.device is None:
                 value.device = upload(value.read())
             return value.device
+
+    def find_on_device(self) -> Any:
+        """Return the array of the device, computed if it is an expression; None where only the processor has it."""
+        value = self._value
+        with value.lock:
+            value.compute()
+            return value.device
+
+    def adopt(self, array: Any) -> None:
+        """Note the copy on the device that another made of the processor's array."""
+        with self._value.lock:
+            if self._value.device is None:
+                self._value.device = array
 
     def on_host(self) -> NDArray[Any]:
         """Return the array of the processor, read-only, computed and downloaded at the first call."""
@@ -260,7 +280,7 @@ class ResidentArray(NDArrayOperatorsMixin):
             return self._part(lambda array: array.rows(first, max(first, last)), index)
         if _is_pixels(index) and self.ndim == 2 and self.dtype in (FLOAT, BYTE, BOOL):
             return self._gather(*index)
-        if (every := _find_step(index)) and self.ndim == 2 and self.dtype == FLOAT:
+        if (every := find_step(index)) and self.ndim == 2 and self.dtype == FLOAT:
             return self._subsample(every)
         return self.on_host()[as_host(index)]
 
@@ -300,16 +320,6 @@ def _is_pixels(index: Any) -> bool:
     return isinstance(index, tuple) and len(index) == 2 and all(isinstance(i, ResidentArray) for i in index)
 
 
-def _find_step(index: Any) -> slice | None:
-    """Return the slice that an index takes of rows and columns, if it is the same for both and has no end."""
-    if not (
-        isinstance(index, tuple) and len(index) == 2 and isinstance(index[0], slice) and index[0] == index[1]
-    ):
-        return None
-    every = index[0]
-    return every if every.stop is None and (every.step or 1) > 1 and (every.start or 0) >= 0 else None
-
-
 def _find_operations(operands: Sequence[Any]) -> ResidentOperations | None:
     found = (each.operations for each in operands if isinstance(each, ResidentArray))
     return next((each for each in found if each is not None), None)
@@ -318,7 +328,7 @@ def _find_operations(operands: Sequence[Any]) -> ResidentOperations | None:
 def _apply(function: Any, inputs: Sequence[Any]) -> Any:
     """Return NumPy's function of some operands as an expression; None where the device lacks it."""
     operations = _find_operations(inputs)
-    kind = find_result_type(function, tuple(map(_type_of, inputs)))
+    kind = find_result_type(function, tuple(map(find_type, inputs)))
     if operations is None or kind is None:
         return None
     operands = [_as_operand(each, operations) for each in inputs]
@@ -331,12 +341,12 @@ def _apply(function: Any, inputs: Sequence[Any]) -> Any:
 def _where(mask: Any, *both: Any) -> Any:
     """Compute `numpy.where` of three operands."""
     operations = _find_operations((mask, *both))
-    if len(both) != 2 or operations is None or _type_of(mask) != BOOL:
+    if len(both) != 2 or operations is None or find_type(mask) != BOOL:
         return None
-    scalars = (np.float32(0) if _type_of(each) is float else each for each in both)
-    kind = np.result_type(*(_type_of(each) if np.ndim(each) else each for each in scalars))
+    scalars = (np.float32(0) if find_type(each) is float else each for each in both)
+    kind = np.result_type(*(find_type(each) if np.ndim(each) else each for each in scalars))
     if kind not in (FLOAT, BYTE, BOOL) or any(
-        _type_of(each) not in (FLOAT, BYTE, BOOL, float, int) for each in both
+        find_type(each) not in (FLOAT, BYTE, BOOL, float, int) for each in both
     ):
         return None
     operands = [_as_operand(each, operations) for each in (mask, *both)]
@@ -381,15 +391,6 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.ndim: attrgetter("ndim"),
     np.size: attrgetter("size"),
 }
-
-
-def _type_of(operand: Any) -> Any:
-    """Return the type of an operand's elements; Python's numbers have Python's types."""
-    if isinstance(operand, bool):
-        return BOOL
-    return type(operand) if isinstance(operand, int | float) and not isinstance(operand, np.generic) else (
-        operand.dtype if hasattr(operand, "dtype") else np.dtype(object)
-    )  # fmt: skip
 
 
 def _as_operand(given: Any, operations: ResidentOperations) -> Any:

@@ -16,6 +16,7 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.arrays import flags, float32, pixel_indices, sampled_images
 from beltscape.kernels.backend import KernelFamily
 from beltscape.kernels.projection import PROJECTION_SIZE
+from beltscape.kernels.resident import ResidentArray
 
 CANDIDATES = 9
 """Number of a pixel's candidates: its own surface, then one from each of eight directions."""
@@ -353,7 +354,7 @@ def _checked_offsets(offsets: NDArray[np.integer]) -> NDArray[np.int32]:
 def _check_costs(costs: PropagationCosts) -> None:
     """Raise KernelError when a number lies beyond its bounds."""
     for name, value in (("separation", costs.separation), ("floor", costs.floor)):
-        if not 0 < value < np.inf:
+        if not (isinstance(value, ResidentArray) or 0 < value < np.inf):
             raise KernelError(f"{name} must be positive, not {value}")
     if not 0 <= costs.unseen_cost <= 1:
         raise KernelError(f"unseen_cost must be 0 to 1, not {costs.unseen_cost}")

@@ -44,6 +44,10 @@ class Statement:
         """Return the days until it expires; negative afterwards."""
         return (self.expires_ms - now_ms) / _DAY_MS
 
+    def is_in_force(self, now_ms: int, present: Mapping[str, str]) -> bool:
+        """Return whether it has not expired, and nothing that it applies to has changed."""
+        return self.days_left(now_ms) >= 0 and not self.list_changed(present)
+
     def list_changed(self, present: Mapping[str, str]) -> tuple[str, ...]:
         """Return the parts of the provenance that differ now; those that either side does not know are left out."""
         known = (part for part in APPLIES if self.applies.get(part) and present.get(part))

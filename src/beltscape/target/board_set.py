@@ -66,6 +66,8 @@ class BoardFace(BaseModel, frozen=True, extra="forbid"):
     board: Annotated[CharucoBoard | Chessboard | AprilGrid, Field(discriminator="kind")]
     placement: Placement | None = None
     """None: estimated from the views."""
+    is_estimated: bool = False
+    """Whether the placement follows from the views, so that the joint adjustment leaves it free."""
     from_behind: bool = False
     """Whether it is the print on the back of the first board, with the same ids: its own frame is the front's, as if
     the sheet were transparent."""
@@ -144,6 +146,20 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
             for face in self.faces
         ]
         return self.model_copy(update={"faces": tuple(faces)})
+
+    def place_by_views(self, poses: dict[str, Pose]) -> BoardSet:
+        """Return the set with boards placed at estimated poses object_from_board, by name."""
+        faces = [
+            face.model_copy(update={"is_estimated": True}) if face.name in poses else face
+            for face in self.place(poses).faces
+        ]
+        return self.model_copy(update={"faces": tuple(faces)})
+
+    def list_loose_corners(self) -> tuple[slice, ...]:
+        """Return the corners of each board whose place is estimated against the others, or else the first one."""
+        estimated = [number for number, face in enumerate(self.faces) if face.is_estimated]
+        loose = estimated[1:] if len(estimated) == len(self.faces) else estimated
+        return tuple(slice(self.offsets[number], self.offsets[number + 1]) for number in loose)
 
     def describe(self) -> str:
         """Describe the boards in a few words."""

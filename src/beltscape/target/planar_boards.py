@@ -16,6 +16,9 @@ MIN_CORNERS = 8
 Count = Annotated[int, Field(ge=2, le=200)]
 Length = Annotated[float, SQUARE]
 LengthSigma = Annotated[float, Field(ge=0, le=50, allow_inf_nan=False)]
+LengthSigmas = LengthSigma | tuple[LengthSigma, LengthSigma]
+"""One standard deviation of a length, the same error in all of them, or two: of independent errors along rows and
+along columns."""
 MAX_LENGTH_SIGMA = 0.05
 """Largest standard deviation of a length over the length: more is no certificate, but a figure in another unit."""
 Thickness = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
@@ -51,12 +54,24 @@ def load_markers(name: str, count: int) -> Any:
     return cv2.aruco.Dictionary(dictionary.bytesList[:count], dictionary.markerSize, 0)
 
 
-def _check_sigma(name: str, sigma_mm: float | None, length_mm: float) -> None:
-    if sigma_mm is not None and sigma_mm > MAX_LENGTH_SIGMA * length_mm:
+def _check_sigma(name: str, sigma_mm: LengthSigmas | None, length_mm: float) -> None:
+    largest_mm = max(sigma_mm) if isinstance(sigma_mm, tuple) else sigma_mm
+    if largest_mm is not None and largest_mm > MAX_LENGTH_SIGMA * length_mm:
         raise ValueError(
-            f"{name} = {sigma_mm:g}: must be at most {MAX_LENGTH_SIGMA:.0%} of the {length_mm:g} mm; give one "
+            f"{name} = {largest_mm:g}: must be at most {MAX_LENGTH_SIGMA:.0%} of the {length_mm:g} mm; give one "
             "standard deviation of one such length: that of a measured row over the number of lengths in it"
         )
+
+
+def _compute_axis_sigma(sigma_mm: LengthSigmas | None, length_mm: float) -> tuple[float, float] | None:
+    """Return the relative standard deviations along rows and columns; None if the two have one error."""
+    return (sigma_mm[0] / length_mm, sigma_mm[1] / length_mm) if isinstance(sigma_mm, tuple) else None
+
+
+def _compute_scale_sigma(sigma_mm: LengthSigmas | None, length_mm: float) -> float:
+    """Return the relative standard deviation of the size, that of the mean of both directions."""
+    mean_mm = np.hypot(*sigma_mm) / 2 if isinstance(sigma_mm, tuple) else sigma_mm or 0.0
+    return float(mean_mm) / length_mm
 
 
 class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
@@ -69,8 +84,9 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Count, Count]
     square_mm: Length
-    square_sigma_mm: LengthSigma | None = None
-    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact."""
+    square_sigma_mm: LengthSigmas | None = None
+    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact. Two
+    are those of independent errors along rows and along columns."""
     marker_mm: Annotated[float, MARKER]
     dictionary: Annotated[str, AfterValidator(_check_dictionary)]
     first_id: MarkerId = 0
@@ -122,7 +138,12 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     @property
     def scale_sigma(self) -> float:
         """Return the relative standard deviation of the board's size."""
-        return (self.square_sigma_mm or 0.0) / self.square_mm
+        return _compute_scale_sigma(self.square_sigma_mm, self.square_mm)
+
+    @property
+    def axis_sigma(self) -> tuple[float, float] | None:
+        """Return the relative standard deviations of lengths along rows and columns; None if they have one error."""
+        return _compute_axis_sigma(self.square_sigma_mm, self.square_mm)
 
     @property
     def marker_ids(self) -> range:
@@ -167,8 +188,9 @@ class Chessboard(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
     square_mm: Length
-    square_sigma_mm: LengthSigma | None = None
-    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact."""
+    square_sigma_mm: LengthSigmas | None = None
+    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact. Two
+    are those of independent errors along rows and along columns."""
 
     @model_validator(mode="after")
     def _check_square_sigma(self) -> Chessboard:
@@ -178,7 +200,12 @@ class Chessboard(BaseModel, frozen=True, extra="forbid"):
     @property
     def scale_sigma(self) -> float:
         """Return the relative standard deviation of the board's size."""
-        return (self.square_sigma_mm or 0.0) / self.square_mm
+        return _compute_scale_sigma(self.square_sigma_mm, self.square_mm)
+
+    @property
+    def axis_sigma(self) -> tuple[float, float] | None:
+        """Return the relative standard deviations of lengths along rows and columns; None if they have one error."""
+        return _compute_axis_sigma(self.square_sigma_mm, self.square_mm)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -215,8 +242,9 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     """Columns and rows of tags."""
     tag_mm: Length
     """Edge of a tag's black border."""
-    tag_sigma_mm: LengthSigma | None = None
-    """One standard deviation of ``tag_mm``, the same error in all tags, by the certificate; None: exact."""
+    tag_sigma_mm: LengthSigmas | None = None
+    """One standard deviation of ``tag_mm``, the same error in all tags, by the certificate; None: exact. Two are
+    those of independent errors along rows and along columns."""
     spacing: Annotated[float, Field(gt=0.05, lt=2)]
     """Gap between tags over ``tag_mm``."""
     first_id: MarkerId = 0
@@ -257,7 +285,12 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     @property
     def scale_sigma(self) -> float:
         """Return the relative standard deviation of the board's size."""
-        return (self.tag_sigma_mm or 0.0) / self.tag_mm
+        return _compute_scale_sigma(self.tag_sigma_mm, self.tag_mm)
+
+    @property
+    def axis_sigma(self) -> tuple[float, float] | None:
+        """Return the relative standard deviations of lengths along rows and columns; None if they have one error."""
+        return _compute_axis_sigma(self.tag_sigma_mm, self.tag_mm)
 
     @property
     def marker_ids(self) -> range:
@@ -303,8 +336,10 @@ SquareBoard = CharucoBoard | Chessboard
 PlanarBoard = CharucoBoard | Chessboard | AprilGrid
 
 
-def _describe_length(length_mm: float, sigma_mm: float | None) -> str:
+def _describe_length(length_mm: float, sigma_mm: LengthSigmas | None) -> str:
     """Return a length with its standard deviation where it is known."""
+    if isinstance(sigma_mm, tuple):
+        return f"{length_mm:g} mm ± {sigma_mm[0]:g} mm along rows, ± {sigma_mm[1]:g} mm along columns"
     return f"{length_mm:g} mm" + (f" ± {sigma_mm:g} mm" if sigma_mm else "")
 
 

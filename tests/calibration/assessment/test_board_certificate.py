@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
+from beltscape.calibration.assessment.board_size import CertifiedSize, estimate_board_size
 from beltscape.calibration.assessment.covariance import (
     add_scale,
     compute_depth_sigma,
@@ -20,7 +21,8 @@ from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Silent
-from beltscape.target.board import parse_board
+from beltscape.target.board import corner_points_mm, parse_board
+from tests.calibration.assessment.test_board_print import CHESSBOARD, RIG, adjust_views
 from tests.calibration.test_bundle_adjustment import triangulate_with
 from tests.synthetic.detections import make_detections
 from tests.thorough import count_examples
@@ -70,6 +72,40 @@ def test_sigma_of_scale_moves_poses_and_depths_alike(rig, board, poses):
     np.testing.assert_allclose(known, 6.5, rtol=1e-3)  # 1 % of the depth
 
 
+BY_AXIS = 0.5e-3, 2e-3
+"""σ of lengths along rows and along columns of a board whose rows were measured better."""
+
+
+def test_rows_that_are_known_better_than_columns_give_the_size_and_its_sigma():
+    """The stretch that the views show says that the columns are off: σ is that of the rows, not of the mean."""
+    drawn, count = corner_points_mm(CHESSBOARD), count_examples(24)
+    certified = CHESSBOARD.model_copy(
+        update={"square_sigma_mm": tuple(CHESSBOARD.square_mm * np.array(BY_AXIS))}
+    )
+    true_mm, rng = np.linalg.norm(RIG.cam_from_core["c"].center_mm), np.random.default_rng(1)
+    off, plain, sigma = [], [], []
+    for seed, (rows, columns) in enumerate((rng.normal(size=(count, 2)) * np.array(BY_AXIS)).tolist()):
+        found = adjust_views(certified, drawn * [1 + rows, 1 + columns, 1], seed)
+        size = estimate_board_size(certified, found, 1.0)
+        assert not size.contradiction
+        own = found.rig
+        plain.append(np.linalg.norm(own.cam_from_core["c"].center_mm) / true_mm - 1)
+        off.append(np.linalg.norm(size.resize(own).cam_from_core["c"].center_mm) / true_mm - 1)
+        sigma.append(size.sigma)
+    ratio = np.sqrt(np.mean(np.square(off))) / np.sqrt(np.mean(np.square(sigma)))
+    assert 0.6 < ratio < 1.4 if count < 24 else 0.8 < ratio < 1.25
+    assert np.sqrt(np.mean(np.square(off))) < 0.8 * np.sqrt(np.mean(np.square(plain)))
+
+
+def test_a_stretch_that_the_certificate_does_not_allow_is_said():
+    certified = CHESSBOARD.model_copy(update={"square_sigma_mm": (0.003, 0.003)})
+    found = adjust_views(certified, corner_points_mm(CHESSBOARD) * [1.004, 1, 1])
+    size = estimate_board_size(certified, found, 1.0)
+    assert "rows are +0.4" in size.contradiction
+    assert "but its certificate allows ± 0.01%" in size.contradiction
+    assert estimate_board_size(CHESSBOARD, found, 1.0) == CertifiedSize(1.0, 0.0)
+
+
 def test_a_scaled_rig_keeps_the_sigma_of_its_lengths(rig):
     own = replace(rig, quality={"scale_sigma": 2e-4, "held_out": {"rms_px": 0.1}})
     half = scale_rig(own, 0.5)
@@ -84,6 +120,7 @@ def test_a_scaled_rig_keeps_the_sigma_of_its_lengths(rig):
     [
         ({"kind": "chessboard", "corners": [9, 6], "square_mm": 25, "square_sigma_mm": 0.005}, 2e-4),
         ({"kind": "chessboard", "corners": [9, 6], "square_mm": 25}, 0.0),
+        ({"kind": "chessboard", "corners": [9, 6], "square_mm": 25, "square_sigma_mm": [0.006, 0.008]}, 2e-4),
         ({"kind": "aprilgrid", "tags": [6, 6], "tag_mm": 50, "spacing": 0.3, "tag_sigma_mm": 0.01}, 2e-4),
     ],
 )

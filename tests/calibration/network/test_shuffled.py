@@ -33,11 +33,25 @@ def report_cameras(
 
 
 @pytest.mark.parametrize("camera", list_cases("abd", "b"))
-@pytest.mark.parametrize("shift", list_cases([-2, -1, 0, 1, 2], {-2, 0, 1}))
+@pytest.mark.parametrize("shift", list_cases([-3, -2, -1, 0, 1, 2, 3], {-2, 0, 1, 3}))
 @pytest.mark.parametrize("around", [False, True], ids=["cut off", "going round"])
 def test_a_shifted_camera_is_reported_with_its_shift(own, rig, board, camera, shift, around):
     source = {k: (k - shift) % FRAMES for k in range(FRAMES) if around or 0 <= k - shift < FRAMES}
     assert report_cameras(own, rig, board, camera, source) == ([(camera, shift)] if shift else [])
+
+
+@pytest.mark.parametrize("camera", list_cases("abd", "b"))
+@pytest.mark.parametrize("lost", [0, 2])
+def test_a_camera_in_reversed_order_is_reported_as_such(own, rig, board, camera, lost):
+    """Also where the first frames after the renaming show no board."""
+    source = {k: FRAMES - 1 - k for k in range(lost, FRAMES)}
+    views = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in source.items()}
+    mixed = BoardDetections(own.sizes_px, {**own.views, camera: views}, own.images)
+    points = corner_points_mm(board)
+    alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
+    (found,) = find_frame_misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
+    assert (found.camera, found.shift, found.is_reversed) == (camera, None, True)
+    assert f"camera {camera}: its frames are in the reversed order against" in found.describe()
 
 
 @pytest.mark.parametrize("seed", list_cases(range(8), {0, 3}))

@@ -41,11 +41,16 @@ def bumps(level_mm: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     return height, hole
 
 
-def test_holes_are_filled_alike_whatever_the_number_of_frames() -> None:
-    """What no frame measured is judged by the surface around it, not by how many frames missed it."""
+def test_holes_missing_in_several_frames_are_filled_lower() -> None:
     height, hole = bumps(60.0)
-    one, many = (filled(height, frames)[hole] for frames in (1, 6))
-    np.testing.assert_allclose(many, one, atol=0.01)
+    one, two, many = (filled(height, frames)[hole].mean() for frames in (1, 2, 6))
+    assert many < two < one
+    np.testing.assert_allclose(one - two, 0.6 * (one - many), rtol=1e-3)  # 1 - 1/2 of 1 - 1/6
+
+
+def test_holes_are_not_lowered_below_the_belt() -> None:
+    height, hole = bumps(0.0)
+    assert (filled(height, 12)[hole] >= np.minimum(filled(height, 1)[hole], 0)).all()
 
 
 def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -12,8 +13,10 @@ import pytest
 from beltscape.cli.main import main
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Silent
+from beltscape.core.system_calls import lock_folder
 from beltscape.files.json_text import to_plain
-from beltscape.files.seal import open_key
+from beltscape.files.seal import open_key, read_sealed
+from beltscape.pipeline.certifying import certificates
 from beltscape.pipeline.certifying.certificates import (
     IssueOptions,
     find_in_force,
@@ -96,8 +99,8 @@ def test_a_page_whose_figures_were_changed_is_altered(data, tested) -> None:
 def test_numbers_go_on_and_nothing_issued_is_written_again(data, tested) -> None:
     first = issue(data, tested[1])
     before = {path: path.read_bytes() for path in first.path.parent.iterdir()}
-    second = issue(data, tested[1], NOW_MS + DAY_MS)
-    next_year = issue(data, tested[1], NOW_MS + 100 * DAY_MS)
+    second = issue(data, tested[1], NOW_MS + DAY_MS, valid_days=30)
+    next_year = issue(data, tested[1], NOW_MS + 100 * DAY_MS, valid_days=30)
     assert [one.statement.number for one in (first, second, next_year)] == [
         "2026-0001",
         "2026-0002",
@@ -112,11 +115,52 @@ def test_numbers_go_on_and_nothing_issued_is_written_again(data, tested) -> None
     assert issue(data, tested[1], NOW_MS + 101 * DAY_MS).statement.number == "2027-0003"
 
 
+class Killed(BaseException):
+    """Stands for a kill, which no handler sees."""
+
+
+@pytest.mark.parametrize("names_written", [0, 1, 2])
+def test_a_program_that_is_killed_draws_no_second_number(data, tested, monkeypatch, names_written) -> None:
+    written, commit = [], certificates.commit_file
+
+    def commit_some(part: Path, path: Path) -> None:
+        if len(written) == names_written:
+            raise Killed
+        written.append(path.name)
+        commit(part, path)
+
+    open_key(data / "certificates")
+    monkeypatch.setattr(certificates, "commit_file", commit_some)
+    if names_written < 2:
+        with pytest.raises(Killed):
+            issue(data, tested[1])
+    else:
+        issue(data, tested[1])
+    assert written == ["2026-0001.json", "2026-0001.html"][:names_written]
+    monkeypatch.setattr(certificates, "commit_file", commit)
+    again = issue(data, tested[1], NOW_MS + DAY_MS)
+    assert (again.statement.number, again.is_new) == ("2026-0001", not written)
+    assert again.statement.issued_ms == (NOW_MS if written else NOW_MS + DAY_MS)
+    names = sorted(path.name for path in (data / "certificates").iterdir())
+    assert names == ["2026-0001.html", "2026-0001.json", "key.pem", "key.pub"]
+    assert verify_certificate(again.page, NOW_MS + DAY_MS).verdict == "intact"
+    assert read_sealed(again.page).statement == again.statement.to_plain()
+
+
+def test_one_program_at_a_time_draws_a_number(data, tested) -> None:
+    issue(data, tested[1])
+    handle = lock_folder(data / "certificates")
+    with pytest.raises(InputError, match="another program issues a certificate"):
+        issue(data, tested[1], valid_days=30)
+    os.close(handle)
+    assert issue(data, tested[1], valid_days=30).statement.number == "2026-0002"
+
+
 def test_a_page_that_is_there_is_not_overwritten(data, tested, monkeypatch) -> None:
     issue(data, tested[1])
-    monkeypatch.setattr("beltscape.pipeline.certifying.certificates._find_number", lambda *_: "2026-0001")
+    monkeypatch.setattr(certificates, "_find_number", lambda *_: "2026-0001")
     with pytest.raises(OutputError, match="never written again"):
-        issue(data, tested[1])
+        issue(data, tested[1], valid_days=30)
 
 
 def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
@@ -128,6 +172,13 @@ def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
     assert main([*words, "--issue", "--by", "meier", "--language", "de", "--json"]) == 0
     certificate = json.loads(capsys.readouterr().out)["certificate"]
     assert certificate["issued_by"] == "meier"
+    assert main([*words, "--issue", "--by", "meier", "--language", "de"]) == 0
+    assert (
+        f"certificate {certificate['number']}, which certifies this test already" in capsys.readouterr().out
+    )
+    page = Path(certificate["page"]).read_text()
+    assert "Datensätze 301 bis 460" in page
+    assert "0,05 % + 1 kg" in page
     assert main(["certify", "verify", certificate["page"], "--project", project, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == "valid"
     assert main(["certify", "verify", certificate["page"]]) == 0
@@ -135,12 +186,16 @@ def test_the_commands_issue_list_and_verify(tmp_path, tested, capsys) -> None:
     assert main(["certify", "list", project]) == 0
     assert re.search(r"^\d{4}-0001  in force  365 days left", capsys.readouterr().out)
     audit = (folder / "data/audit.jsonl").read_text()
-    assert '"certificate issued"' in audit
+    assert audit.count('"certificate issued"') == audit.count('"certificate asked for again"') == 1
     (folder / "belt.json").write_text('{"belt": 2}')
     assert main(["certify", "verify", certificate["file"], "--project", project]) == 2
     assert "no longer applies; changed since: empty; repeat" in capsys.readouterr().err
     assert main(["certify", "list", project]) == 0
-    assert "changed since: empty" in capsys.readouterr().out
+    listed = capsys.readouterr().out
+    assert re.search(r"^\d{4}-0001  ended  .*changed since: empty", listed), "what has ended is not in force"
+    (folder / "data/certificates/key.pub").rename(tmp_path / "plant.pub")
+    assert main(["certify", "verify", certificate["file"], "--project", project]) == 2
+    assert "key.pub: is lost; restore it from a backup" in capsys.readouterr().err
     assert main([*words, "--valid-days", "0"]) == 2
     assert "--valid-days 0: must be above 0" in capsys.readouterr().err
     assert main([*words, "--language", "xx"]) == 2

@@ -179,21 +179,21 @@ def find_discards(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult
     views = tuple(view for view in detected if not used.get(view))
     used_frames = {frame for (_, frame), count in used.items() if count}
     frames = dict.fromkeys(frame for _, frame in detected if frame not in used_frames)
-    missing = hierarchy.missing_instants
-    gone = tuple((name, each.frame) for each in missing for name in each.cameras)
-    asynchronous = {
-        each.frame: f"frame {each.frame} has no common instant"
-        for each in missing
+    contradicting = hierarchy.contradicting_frames
+    gone = tuple((name, each.frame) for each in contradicting for name in each.cameras)
+    gone_frames = {
+        each.frame: f"frame {each.frame} {'contradicts the others' if each.change else 'has no common instant'}"
+        for each in contradicting
         if each.frame not in used_frames
     }
     reasons = {frame: _describe_frame(frame, hierarchy, adjustment) for frame in frames}
     return Discards(
-        corners=sum(detected.values()) - sum(used.values()) + sum(each.corners for each in missing),
-        all_corners=sum(detected.values()) + sum(each.corners for each in missing),
+        corners=sum(detected.values()) - sum(used.values()) + sum(each.corners for each in contradicting),
+        all_corners=sum(detected.values()) + sum(each.corners for each in contradicting),
         views=(*gone, *views),
         all_views=len(detected) + len(gone),
-        frames={**asynchronous, **reasons},
-        all_frames=len({frame for _, frame in detected} | set(asynchronous)),
+        frames={**gone_frames, **reasons},
+        all_frames=len({frame for _, frame in detected} | set(gone_frames)),
     )
 
 

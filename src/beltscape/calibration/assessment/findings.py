@@ -18,8 +18,8 @@ from beltscape.calibration.assessment.score import RigErrors, Score, ViewResidua
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibration.network.association import Misclosure
+from beltscape.calibration.network.contradicting_frames import describe_contradicting_frames
 from beltscape.calibration.network.fault_isolation import describe_fault
-from beltscape.calibration.network.instants import describe_missing_instants
 from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.core.arrays import Array
 from beltscape.core.checks import is_dict
@@ -49,9 +49,8 @@ def list_calibration_findings(
     The misfit of the ``explained`` cameras has been reported already.
     """
     alone = {name: fit for name, fit in fits.items() if name not in explained}
-    missing = describe_missing_instants(hierarchy.missing_instants)
     causes = [
-        *missing,
+        *describe_contradicting_frames(hierarchy.contradicting_frames),
         *_find_asynchronous(hierarchy),
         *_find_fault(hierarchy),
         *_find_own_misfit(hierarchy, alone),

@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.solver.bundle import (
-    Bundle,
-    BundlePrior,
-    Geometry,
-    Observations,
-    estimate_robust_sigma,
-)
+from beltscape.calibration.solver.bundle import Bundle, Geometry, Observations, estimate_robust_sigma
 from beltscape.calibration.solver.lens import (
     LensPrior,
     compute_lens_prior,
@@ -30,6 +24,7 @@ from beltscape.calibration.solver.lens import (
     unpack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibration.solver.prior import BundlePrior
 from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
@@ -97,6 +92,10 @@ class MonocularCalibration:
     """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
     prior: LensPrior | None = None
     """Given intrinsics that the bundle adjustment takes as a prior; the poses above hold for them."""
+
+    def select(self, frames: Sequence[str]) -> MonocularCalibration:
+        """Return the calibration with the poses of some frames only."""
+        return replace(self, cam_from_board={frame: self.cam_from_board[frame] for frame in frames})
 
 
 def calibrate_camera(
@@ -268,7 +267,7 @@ def _run_opencv(
     """Return the lens and the board's poses that OpenCV finds from its own start."""
     objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
     pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-6)
     try:
         _, matrix, distortion, rotations, translations = cv2.calibrateCamera(
             objects, pixels, size, None, None, flags=flags, criteria=criteria

@@ -223,7 +223,7 @@ def estimate_face_poses(instants: Sequence[Sequence[Sighting]], board: BoardSet)
     start = FacePoses(tuple(_chain_poses(views, board)), cameras)
     fixed = [k for k, face in enumerate(board.faces) if face.placement is not None] or [0]
     refined = adjust_face_poses(views, start, board, [k for k in range(len(board.faces)) if k not in fixed])
-    return board.place(
+    return board.place_by_views(
         {face.name: refined.boards[k] for k, face in enumerate(board.faces) if face.placement is None}
     )
 

@@ -17,9 +17,10 @@ from beltscape.calibration.intrinsics.sensitivity import (
     compute_pair_sensitivity,
 )
 from beltscape.calibration.intrinsics.zhang import OUTLIER_FACTOR, MonocularCalibration
-from beltscape.calibration.solver.bundle import Bundle, BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.bundle import Bundle, Geometry, Observations
 from beltscape.calibration.solver.lens import stack_intrinsics
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibration.solver.prior import BundlePrior
 from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose

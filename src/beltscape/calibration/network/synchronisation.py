@@ -12,7 +12,7 @@ from beltscape.calibration.intrinsics.zhang import MonocularCalibration
 from beltscape.core.arrays import Array
 
 SHIFTS = range(-3, 4)
-"""Frame shifts that are tested."""
+"""Frame shifts that are tested, also of reversed frames: those without a board at the ends are not counted."""
 MIN_FRAMES = 5
 """Least number of shared frames for a scatter."""
 CLEAR_IMPROVEMENT = 0.2
@@ -30,10 +30,17 @@ class FrameMisfit:
     """The others' frame number k is its number k + shift; None: no shift makes the poses consistent."""
     others: tuple[str, ...]
     """The cameras that it disagrees with."""
+    is_reversed: bool = False
+    """Whether the poses are consistent with its frames in the reversed order."""
 
     def describe(self) -> str:
         """Return the fault and the fix in one line."""
         against = ", ".join(self.others)
+        if self.is_reversed:
+            return (
+                f"camera {self.camera}: its frames are in the reversed order against {against}, the first one is "
+                "their last; number its images the other way round"
+            )
         if self.shift is None:
             return (
                 f"camera {self.camera}: its frames do not belong to those of {against} of the same name; "
@@ -62,7 +69,7 @@ def find_frame_misfits(
     }
     together = _find_largest_consistent(list(cameras), fits)
     return tuple(
-        FrameMisfit(name, _find_shift(name, together, fits), tuple(together))
+        _describe_misfit(name, together, fits)
         for name in cameras
         if name not in together and _is_mostly_inconsistent(name, together, fits)
     )
@@ -74,10 +81,12 @@ class _ShiftFit:
     """Frames by which the second camera's names must be shifted to fit the first's."""
     is_consistent: bool
     """Whether the relative poses agree after the shift."""
+    is_reversed: bool = False
+    """Whether the second camera's frames are reversed before they are shifted."""
 
     @property
     def is_synchronous(self) -> bool:
-        return self.is_consistent and self.shift == 0
+        return self.is_consistent and self.shift == 0 and not self.is_reversed
 
 
 def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> list[str]:
@@ -105,13 +114,20 @@ def _is_synchronous(a: str, b: str, fits: Mapping[tuple[str, str], _ShiftFit]) -
     return None if fit is None else fit.is_synchronous
 
 
-def _find_shift(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> int | None:
-    shifts = [
-        fit.shift if b == name else -fit.shift
+def _describe_misfit(
+    name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]
+) -> FrameMisfit:
+    """Return the misfit of a camera, with the order of its frames that all others agree on, if there is one."""
+    consistent = [
+        (fit, fit.shift if b == name else -fit.shift)
         for (a, b), fit in fits.items()
         if fit.is_consistent and ((a == name and b in others) or (b == name and a in others))
     ]
-    return shifts[0] if shifts and len(set(shifts)) == 1 and shifts[0] != 0 else None
+    if consistent and all(fit.is_reversed for fit, _ in consistent):
+        return FrameMisfit(name, None, tuple(others), is_reversed=True)
+    shifts = {0 if fit.is_reversed else shift for fit, shift in consistent}
+    shift = shifts.pop() if len(shifts) == 1 else 0
+    return FrameMisfit(name, shift or None, tuple(others))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +148,10 @@ class _Track:
                 rotation[k], translation[k] = pose.rotation, pose.translation_mm
         return cls(rotation, translation)
 
+    def reverse(self) -> _Track:
+        """Return the track whose first frame is this one's last."""
+        return _Track(self.rotation[::-1], self.translation_mm[::-1])
+
     def shift(self, frames: int) -> _Track:
         """Return the track whose frame k is this one's k + ``frames``."""
         rotation, translation = np.full_like(self.rotation, np.nan), np.full_like(self.translation_mm, np.nan)
@@ -143,19 +163,28 @@ class _Track:
 
 
 def _fit_shift(first: _Track, second: _Track) -> _ShiftFit | None:
-    """Fit the frame shift of the second camera to the first; return None with too few shared frames."""
-    scatters = {
-        shift: scatter
+    """Fit the order of the second camera's frames to the first's; return None with too few shared frames."""
+    named = False, 0
+    scatters = _compute_scatters(first, second, is_reversed=False)
+    if named not in scatters:
+        return None
+    if scatters[named] >= MAX_SCATTER:
+        scatters |= _compute_scatters(first, second.reverse(), is_reversed=True)
+    best = min(scatters, key=lambda order: (scatters[order], order[0], abs(order[1])))
+    if scatters[best] > CLEAR_IMPROVEMENT * scatters[named]:
+        best = named
+    is_reversed, shift = best
+    return _ShiftFit(shift, scatters[best] < MAX_SCATTER, is_reversed)
+
+
+def _compute_scatters(first: _Track, second: _Track, *, is_reversed: bool) -> dict[tuple[bool, int], float]:
+    """Return the scatter for every shift of the second camera's frames that leaves enough of them shared."""
+    return {
+        (is_reversed, shift): scatter
         for shift in SHIFTS
         if abs(shift) < len(first.rotation)
         and (scatter := _compute_scatter(first, second.shift(shift))) is not None
     }
-    if 0 not in scatters:
-        return None
-    best = min(scatters, key=lambda shift: (scatters[shift], abs(shift)))
-    if scatters[best] > CLEAR_IMPROVEMENT * scatters[0]:
-        best = 0
-    return _ShiftFit(best, scatters[best] < MAX_SCATTER)
 
 
 def _compute_scatter(first: _Track, second: _Track) -> float | None:

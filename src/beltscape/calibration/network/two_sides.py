@@ -20,6 +20,7 @@ from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibration.network.face_poses import FacePoses, Sighting, adjust_face_poses, list_face_views
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -71,10 +72,9 @@ def place_back(
     instants = [_list_sightings(frame, detections, rig, monocular) for frame in detections.frames]
     views = list_face_views(instants, sides)
     board = sides.faces[0].board
-    thickness = None if isinstance(board, Chessboard) else board.thickness_mm
+    thickness = _get_thickness_mm(board)
     back = Pose(np.eye(3), np.array([0.0, 0.0, thickness or 0.0]))
-    shift = SHIFT_SIGMA_SHARE * float(np.linalg.norm(np.ptp(board.corners_mm(), axis=0)))
-    sigmas = np.array([*[TURN_SIGMA] * 3, shift, shift, shift if thickness is None else THICKNESS_SIGMA_MM])
+    sigmas = compute_place_sigma(sides)
     start = FacePoses((Pose.identity(), back), dict(rig.cam_from_core))
     try:
         found = adjust_face_poses(views, start, sides, [1], rig.auxiliaries, (NOISE_PX / sigmas) ** 2)
@@ -82,7 +82,19 @@ def place_back(
         raise CalibrationError(
             "the views do not tell how the prints on the board's two sides lie; show the board at other tilts"
         ) from error
-    return sides.place(dict(zip(NAMES, found.boards, strict=True)))
+    return sides.place_by_views(dict(zip(NAMES, found.boards, strict=True)))
+
+
+def compute_place_sigma(boards: BoardSet) -> Array:
+    """Return one standard deviation (6,) of a board's turns, rad, and shifts, mm, against the first one of a set."""
+    board = boards.faces[0].board
+    shift = SHIFT_SIGMA_SHARE * float(np.linalg.norm(np.ptp(boards.corners_mm(), axis=0)))
+    is_known = boards.is_two_sided and _get_thickness_mm(board) is not None
+    return np.array([*[TURN_SIGMA] * 3, shift, shift, THICKNESS_SIGMA_MM if is_known else shift])
+
+
+def _get_thickness_mm(board: PlanarBoard) -> float | None:
+    return None if isinstance(board, Chessboard) else board.thickness_mm
 
 
 def describe_back(board: BoardSet) -> str:

@@ -21,6 +21,7 @@ from beltscape.calibration.solver.lens import (
     rotate_vectors,
 )
 from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle
+from beltscape.calibration.solver.prior import BundlePrior, build_board_information
 from beltscape.core.arrays import Array, Indices
 from beltscape.core.geometry.pose import rotation_from_vector
 from beltscape.core.statistics import MAD_TO_SIGMA
@@ -70,26 +71,6 @@ class Geometry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BundlePrior:
-    """Prior knowledge of lenses and board, and which parameters are fixed."""
-
-    models: tuple[str, ...]
-    """(C,) name of each camera's lens model."""
-    intrinsics: Array
-    """(C, W) as in `Geometry`."""
-    intrinsics_information: Array
-    """(C, W, W) inverse covariance about them; 0 is no information."""
-    intrinsics_free: NDArray[np.bool_]
-    """(C, W) which parameters are adjusted; the others are fixed, as are those that a model does not have."""
-    points_mm: Array
-    """(P, 3) the nominal board."""
-    points_sigma_mm: Array
-    """(3,) one standard deviation of a corner about its nominal position in x, y, z; 0 fixes it there."""
-    fixed_poses: tuple[int, ...] = ()
-    """Cameras, by number, whose pose is fixed; the core's, 0, always is."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ViewDesign:
     """The corners of one view, divided by their standard deviation, with their derivatives."""
 
@@ -101,15 +82,6 @@ class ViewDesign:
     """(2n, 6) by the board's pose."""
     residuals: Array
     """(2n,) projected minus detected."""
-
-
-PRINT_STRETCH = 3e-3
-"""One standard deviation of the stretch of a print in one direction and of its shear: laser printers have 1e-3 to
-5e-3. Without it a stretch counts as an error of every corner by itself, half of it stays in the pixels' aspect ratio,
-and focal lengths in x and y are off by 0.1 % where the board is never turned on its side. One camera alone does not
-tell the two apart: of a webcam with twelve corners a view, the lens holds out at 0.07 px with it, at 0.06 without."""
-GAUGE = 1e8
-"""Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
 
 
 class Bundle:
@@ -320,23 +292,8 @@ class Bundle:
             columns = slice(self.width * camera, self.width * (camera + 1))
             information[columns, columns] = block
         if self.adjusts_shape:
-            points, gauge = slice(self.point_start, None), _build_gauge_modes(self.prior.points_mm)
-            information[points, points] = self._build_shape_information() + GAUGE * gauge.T @ gauge
+            information[self.point_start :, self.point_start :] = build_board_information(self.prior)
         return information
-
-    def _build_shape_information(self) -> Array:
-        """Return the information (3P, 3P) of the corners' places: each off by itself, and the print stretched."""
-        with np.errstate(divide="ignore"):
-            each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
-        if self.cameras < 2 or not (self.prior.points_sigma_mm[:2] > 0).all():
-            return np.diag(np.tile(each, self.points))
-        weights, modes = (
-            np.tile(each, self.points),
-            PRINT_STRETCH * _build_stretch_modes(self.prior.points_mm),
-        )
-        weighted = modes * weights
-        inner = np.eye(len(modes)) + weighted @ modes.T
-        return np.diag(weights) - weighted.T @ np.linalg.solve(inner, weighted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,22 +325,6 @@ def _rotate_derivatives(derivatives: Array, rotations: Array) -> Array:
     """Return derivatives (N, 2, 3) by the points before rotations (N, 3, 3), given those by the rotated points."""
     (a, b, c), r = derivatives.T, rotations.T  # r[j, i]: row i, column j
     return (r[:, 0, None] * a + r[:, 1, None] * b + r[:, 2, None] * c).T
-
-
-def _build_gauge_modes(points_mm: Array) -> Array:
-    """Return the orthonormal gauge modes (7, 3P) of the board: translations, rotations and scale."""
-    centered = points_mm - points_mm.mean(axis=0)
-    shifts = [np.tile(axis, (len(points_mm), 1)) for axis in np.eye(3)]
-    turns = [np.cross(axis, centered) for axis in np.eye(3)]
-    modes = np.stack([mode.ravel() for mode in (*shifts, *turns, centered)])
-    return np.linalg.qr(modes.T)[0].T
-
-
-def _build_stretch_modes(points_mm: Array) -> Array:
-    """Return the moves (2, 3P) of corners by a unit stretch of x over y, and by a unit shear, mm."""
-    x, y, _ = (points_mm - points_mm.mean(axis=0)).T
-    none = np.zeros_like(x)
-    return np.stack([np.stack([x, -y, none], axis=1).ravel() / 2, np.stack([y, x, none], axis=1).ravel() / 2])
 
 
 STUDENT_DOF = 5.0

@@ -176,12 +176,14 @@ def _issue(
         issued = issue_certificate(data, evaluated, options)
         with closing(Access(data)) as access:
             detail = {"number": issued.statement.number, "key": issued.fingerprint}
-            access.audit.write("certificate issued", f"{by} on this machine", "beltscape certify", detail)
+            action = "certificate issued" if issued.is_new else "certificate asked for again"
+            access.audit.write(action, f"{by} on this machine", "beltscape certify", detail)
     return {
         **issued.statement.to_plain(),
         "key": issued.fingerprint,
         "file": issued.path,
         "page": issued.page,
+        "is_new": issued.is_new,
     }
 
 
@@ -247,7 +249,8 @@ def _run_list(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str,
                 "file": one.path,
                 "days_left": one.statement.days_left(now_ms),
                 "changed": list(one.statement.list_changed(present)),
-                "in_force": number == 0,
+                "is_newest": number == 0,
+                "in_force": number == 0 and one.statement.is_in_force(now_ms, present),
             }
             for number, one in enumerate(list_certificates(data))
         ],
@@ -276,7 +279,8 @@ def summary(result: Mapping[str, Any]) -> str:
     lines += [f"{name:<6} {path}" for name, path in result["files"].items()]
     issued = result["certificate"]
     if issued is not None:
-        lines.append(f"certificate {issued['number']}, key {issued['key']}: {issued['page']}")
+        again = "" if issued["is_new"] else ", which certifies this test already"
+        lines.append(f"certificate {issued['number']}{again}, key {issued['key']}: {issued['page']}")
     return "\n".join(lines)
 
 
@@ -284,7 +288,8 @@ def _describe_row(one: Mapping[str, Any]) -> str:
     days, changed = one["days_left"], ", ".join(one["changed"])
     state = f"{days:.0f} days left" if days >= 0 else f"expired {-days:.0f} days ago"
     state += f"; changed since: {changed}" if changed else ""
-    return f"{one['number']}  {'in force' if one['in_force'] else 'earlier '}  {state}  {one['file']}"
+    standing = "in force" if one["in_force"] else "ended   " if one["is_newest"] else "earlier "
+    return f"{one['number']}  {standing}  {state}  {one['file']}"
 
 
 def _summarise_state(result: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ const FORMATS = {
   cameras: (value) => format_number(value),
   core: (value) => value,
   names: (value) => value.join(", "),
+  set_aside: (value) => value.join(", "),
   faults: (value) => value.join(", ") || t("commission.none"),
   exposure_us: (value) => list_by_camera(value),
   gain_db: (value) => list_by_camera(value),
@@ -32,13 +33,14 @@ const FORMATS = {
 };
 
 const list_by_camera = (values) => Object.entries(values).filter(([, value]) => value !== null).map(([name, value]) => `${name} ${format_significant(value)}`).join(", ") || t("commission.none");
+const PARTS = new Set(["rig", "alarms", "density", "empty", "source", "encoder", "data", "page", "users", "reports", "scale"]); // others are protocols, which have names
 const OF_FORM = new Set(["exposure_us", "gain_db", "skew_limit_ms"]); // named as in the form
 
 export function format_facts({ name, result }) {
   const facts = Object.entries(FORMATS).filter(([key]) => result[key] !== undefined && result[key] !== null).map(([key, format]) => [t(`commission.${OF_FORM.has(key) ? "field" : "fact"}.${key}`), format(result[key])]);
   if (result.litres !== undefined) facts.unshift([t("commission.fact.litres"), with_unit(format_measured(result.litres, result.sigma_litres), "litre")]);
   if (name === "skew") facts.unshift(...(result.delays ? Object.entries(result.delays).map(format_delay) : [[t("commission.fact.skew"), t("commission.not_measured")]]));
-  if (name === "project") facts.push(...Object.entries(result.parts));
+  if (name === "project") facts.push(...Object.entries(result.parts).map(([part, line]) => [PARTS.has(part) ? t(`commission.part.${part}`) : part, line]));
   for (const one of name === "material" ? result.results ?? [] : []) facts.push([t(`commission.fact.result_${one.key}`), `${format_measured(one.value, one.sigma)}${one.unit ? `\u00a0${one.unit}` : ""}`]);
   for (const error of name === "material" ? result.errors : []) facts.push([t(`commission.fact.error_${error.key.includes("mass") ? "mass" : "volume"}`), `${format_measured(error.value, error.sigma)}\u00a0%`]);
   return facts;

@@ -24,6 +24,9 @@ const LEAST_RUNS = 2; // and an empty one after those that are there
 const RUN_FIELDS = [["load", "text"], ["mass_kg", "number"], ["volume_m3", "number"], ["ticket", "text"], ["capture", "text"]];
 const NULLABLE = new Set(["file", "capture", "begin", "end"]);
 
+const ENCODERS = { none: [], camera: ["chunk", "mm_per_count"], udp: ["port", "mm_per_count"], file: ["path", "mm_per_count"], constant: ["speed_mm_s"] }; // kind → keys that are asked
+const ENCODER_KEYS = { chunk: "text", port: "number", path: "text", mm_per_count: "number", speed_mm_s: "number" };
+
 const read_path = (settings, path) => path.split(".").reduce((value, key) => value?.[key], settings);
 
 /** Return a moment as the browser's local time to the second, as its input takes it. */
@@ -44,6 +47,7 @@ export function create_form(name, state) {
     if (OF_CAMERAS.has(path) && settings.source !== "cameras") continue;
     form.append(create_field(path, kind, read_path(settings, path)));
   }
+  if (name === "project" && settings.source === "cameras") form.append(create_encoder(settings));
   if (name === "material") form.append(create_samples(settings), create_zero(settings), ...create_runs(settings));
   if (name === "rig") form.append(create_element("label", { class: "choice wide" }, create_element("input", { type: "checkbox", name: "accept_doubts", checked: settings.accept_doubts }), create_element("span", {}, t("commission.field.accept_doubts"))));
   return form;
@@ -72,6 +76,32 @@ function create_source(settings) {
     create_element("div", { class: "form wide", "data-source": "cameras" }, trigger, ...more),
     create_field("core", "text", settings.core),
   ];
+}
+
+/** Return where the belt's position comes from, with the keys of the chosen kind. */
+function create_encoder({ encoder, camera_encoder }) {
+  const wanted = encoder.kind ?? "none";
+  const present = { ...encoder, ...camera_encoder };
+  const kinds = create_element("select", { "data-encoder": "kind", on: { change: show_encoder } }, ...Object.keys(ENCODERS).map((kind) => create_element("option", { value: kind, selected: kind === wanted }, t(`commission.encoder.${kind}`))));
+  const keys = Object.entries(ENCODER_KEYS).map(([key, kind]) => create_element("label", {}, t(`commission.field.encoder_${key}`), create_element("input", { type: kind, step: kind === "number" ? "any" : null, "data-encoder": key, value: present[key] ?? null, autocomplete: "off" })));
+  setTimeout(show_encoder);
+  return create_element("fieldset", { class: "run" }, create_element("legend", {}, t("commission.field.encoder")), create_element("div", { class: "form" }, create_element("label", { class: "wide" }, t("commission.field.encoder_kind"), kinds), ...keys));
+}
+
+function show_encoder() {
+  const kind = document.querySelector("#form [data-encoder=kind]")?.value;
+  for (const input of document.querySelectorAll("#form input[data-encoder]")) input.parentElement.hidden = !ENCODERS[kind].includes(input.dataset.encoder);
+}
+
+function add_encoder(changes, settings) {
+  const kind = document.querySelector("#form [data-encoder=kind]").value;
+  const given = [...document.querySelectorAll("#form input[data-encoder]")].filter((input) => !input.parentElement.hidden && input.value.trim()).map((input) => [input.dataset.encoder, read_input(input)]);
+  const kept = settings.encoder.kind === kind ? settings.encoder : {};
+  const values = { ...Object.fromEntries(given) };
+  const encoder = kind === "none" ? {} : kind === "camera" ? { ...kept, kind } : { ...kept, kind, ...values };
+  const camera_encoder = kind === "camera" ? { ...settings.camera_encoder, ...values } : {};
+  if (JSON.stringify(encoder) !== JSON.stringify(settings.encoder)) changes.encoder = encoder;
+  if (JSON.stringify(camera_encoder) !== JSON.stringify(settings.camera_encoder)) changes.camera_encoder = camera_encoder;
 }
 
 function create_device(number, [name, device]) {
@@ -176,6 +206,7 @@ export function read_form(name, { settings }) {
   if (name === "cameras" && changes.source === undefined && settings.source === null) changes.source = document.querySelector("#form input[name=source]:checked").value;
   const source = changes.source ?? settings.source;
   if (name === "cameras" && source === "cameras") add_devices(changes, settings);
+  if (name === "project" && source === "cameras") add_encoder(changes, settings);
   if (name === "material") add_runs(changes, settings);
   return changes;
 }

@@ -28,7 +28,7 @@ export function render_optics(host, { live }) {
 function create_eye({ name }) {
   return create_element("li", { class: "eye" },
     create_element("h3", {}, name, create_element("span", {})),
-    create_element("div", { class: "view" }, create_element("img", { alt: t("commission.picture", { camera: name }) })),
+    create_element("div", { class: "view" }, create_element("img", { alt: t("commission.picture", { camera: name }), on: { load: ({ target }) => { target.dataset.loaded = ""; } } })),
     create_element("div", { class: "chart" }), create_element("p", { class: "tiles" }));
 }
 

@@ -74,7 +74,7 @@ function make_sound({ taken }) {
 
 function create_eye({ name }) {
   return create_element("li", { class: "eye" }, create_element("h3", {}, name, create_element("span", {})),
-    create_element("div", { class: "view" }, create_element("img", { alt: t("commission.picture", { camera: name }) })));
+    create_element("div", { class: "view" }, create_element("img", { alt: t("commission.picture", { camera: name }), on: { load: ({ target }) => { target.dataset.loaded = ""; } } })));
 }
 
 function update_eye(eye, { name, views }) {

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.kernels.backend import Backend, gpu_failures
 from beltscape.kernels.cuda import images, least_squares, networks, pixels, planes, selection, sweep
 from beltscape.kernels.cuda.device import GpuDevice
+from beltscape.kernels.cuda.graphs import GraphCache
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
 from beltscape.kernels.cuda.workspace import Traffic, Workspace, open_workspace
 from beltscape.kernels.resident import ResidentArray, as_host
@@ -73,6 +74,7 @@ class CudaBackend:
         self.failure: str | None = None
         """Why the device is no longer used."""
         self.traffic = Traffic()
+        self.graphs = GraphCache(device, self.traffic)
         self.resident = ResidentBackend(self, device, native)
         """The same kernels, whose results stay on the device."""
         self._device = device
@@ -97,6 +99,7 @@ class CudaBackend:
         if self.failure is None:
             self.failure = str(error)
             gpu_failures.note(self.failure)
+            self.graphs.clear()
             warnings.warn(
                 f"the GPU is no longer used, the processor takes over: {error}", RuntimeWarning, stacklevel=3
             )
@@ -124,6 +127,14 @@ class ResidentBackend:
         with open_workspace(self._device, self._whole.traffic) as work:
             results = plan(work, given, out)
         return [cast("NDArray[Any]", ResidentArray.from_device(each, self)) for each in results]
+
+    def find_plan(self, kernel: str, given: Any) -> Plan | None:
+        """See `find_plan`."""
+        return find_plan(kernel, given)
+
+    def replay(self, function: Callable[..., Any], given: Sequence[Any]) -> Any:
+        """See `beltscape.kernels.Kernels.replay`."""
+        return self._whole.graphs.replay(self, function, given)
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return an array that is copied to the device once, at its first use; it becomes read-only."""

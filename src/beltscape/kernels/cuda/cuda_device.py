@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels.cuda.constants import ConstantCache
-from beltscape.kernels.cuda.device import Size
+from beltscape.kernels.cuda.device import Launch, Size
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.native import source_folder
 
@@ -94,8 +94,8 @@ class CudaDevice:
         from cuda.core import Device
 
         self.name = "cuda"
-        self._device = Device(number)
         try:
+            self._device = Device(number)  # which looks for the driver
             self._device.set_current()
             self.model: str = self._device.name
             architecture = f"sm_{self._device.arch}"
@@ -140,11 +140,34 @@ class CudaDevice:
         self, stream: Any, kernel: str, grid: Size, block: Size, arguments: Sequence[Any], shared_bytes: int
     ) -> None:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
-        from cuda.core import LaunchConfig, launch
-
         with _as_device_error():
-            config = LaunchConfig(grid=grid, block=block, shmem_size=shared_bytes)
-            launch(stream, config, self._kernel(kernel), *map(_argument, arguments))
+            self._launch(stream, kernel, grid, block, arguments, shared_bytes)
+
+    def copy_within(self, stream: Any, source: DeviceArray, array: DeviceArray) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        from cuda.bindings import driver
+
+        _check(driver.cuMemcpyDtoDAsync(array.address, source.address, array.nbytes, stream.handle))
+
+    def make_graph(self, launches: Sequence[Launch]) -> Any:
+        """See `beltscape.kernels.cuda.device.GpuDevice`: launches that are captured, not run."""
+        with _as_device_error():
+            self._device.set_current()
+            builder = self._device.create_graph_builder().begin_building()
+            for kernel, grid, block, arguments, shared_bytes in launches:
+                self._launch(builder, kernel, grid, block, arguments, shared_bytes)
+            return builder.end_building().complete()
+
+    def launch_graph(self, stream: Any, graph: Any) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        with _as_device_error():
+            graph.launch(stream)
+
+    def finish(self, events: Sequence[Any]) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        with _as_device_error():
+            for event in events:
+                event.sync()
 
     def record(self, stream: Any) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""
@@ -161,6 +184,15 @@ class CudaDevice:
         with _as_device_error():
             stream.sync()
 
+    def _launch(
+        self, where: Any, kernel: str, grid: Size, block: Size, arguments: Sequence[Any], shared_bytes: int
+    ) -> None:
+        """Launch a kernel in a stream, or add it to a graph."""
+        from cuda.core import LaunchConfig, launch
+
+        config = LaunchConfig(grid=grid, block=block, shmem_size=shared_bytes)
+        launch(where, config, self._kernel(kernel), *map(_argument, arguments))
+
     def _allocate(self, size: int) -> CudaMemory:
         with _as_device_error():
             memory = CudaMemory(self._device.allocate(size, stream=self._memory_stream))
@@ -168,9 +200,8 @@ class CudaDevice:
         return memory
 
     def _free(self, memory: CudaMemory, events: list[Any]) -> None:
+        self.finish(events)
         with _as_device_error():
-            for event in events:
-                event.sync()
             memory.buffer.close(self._memory_stream)
 
     def _kernel(self, name: str) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
@@ -15,6 +15,16 @@ SHARED_BYTES = 48 << 10
 
 Size = tuple[int, int, int]
 """Along x, y and z."""
+
+
+class Launch(NamedTuple):
+    """A kernel by its name with its arguments: arrays of the device, int and float, as the kernel declares them."""
+
+    kernel: str
+    grid: Size
+    block: Size
+    arguments: Sequence[Any]
+    shared_bytes: int
 
 
 class GpuDevice(Protocol):
@@ -47,6 +57,22 @@ class GpuDevice(Protocol):
 
         Arguments are arrays of the device, int and float, just as the kernel declares them: nothing is converted.
         """
+        ...
+
+    def copy_within(self, stream: Any, source: DeviceArray, array: DeviceArray) -> None:
+        """Copy an array of the device to another one of the same size."""
+        ...
+
+    def make_graph(self, launches: Sequence[Launch]) -> Any:
+        """Return launches, one after the other, as a graph; their arrays must live as long as it does."""
+        ...
+
+    def launch_graph(self, stream: Any, graph: Any) -> None:
+        """Run all launches of a graph."""
+        ...
+
+    def finish(self, events: Sequence[Any]) -> None:
+        """Wait on the processor for events."""
         ...
 
     def record(self, stream: Any) -> Any:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels.cuda.constants import ConstantCache
-from beltscape.kernels.cuda.device import Size
+from beltscape.kernels.cuda.device import Launch, Size
 from beltscape.kernels.cuda.memory import MOST_BYTES, DeviceArray, DeviceError, MemoryPool
 
 _MODULE = "beltscape.kernels._emulated"
@@ -106,6 +106,23 @@ class EmulatedDevice:
             raise DeviceError(f"{kernel}: {error}") from error
         if not all(each.block.raw.is_intact for each in arrays):
             raise DeviceError(f"{kernel}: a kernel writes past the ends of an array")
+
+    def copy_within(self, stream: Any, source: DeviceArray, array: DeviceArray) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        self._require_open(stream)
+        view_memory(array)[...] = view_memory(source).reshape(array.shape)
+
+    def make_graph(self, launches: Sequence[Launch]) -> Any:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        return tuple(launches)
+
+    def launch_graph(self, stream: Any, graph: Any) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
+        for each in graph:
+            self.launch(stream, *each)
+
+    def finish(self, events: Sequence[Any]) -> None:
+        """See `beltscape.kernels.cuda.device.GpuDevice`."""
 
     def record(self, stream: Any) -> Any:
         """See `beltscape.kernels.cuda.device.GpuDevice`."""

@@ -40,7 +40,10 @@ def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -
     padded = _PaddedPlanes(work, given.s.shape, max(given.window, given.residual_window))
     grey, there = padded.plane(), padded.plane()
     padded.launch("pad_core", work.upload(given.core), *padded.geometry, grey, there)
-    core, part = _normalise_core(padded, given, grey, there)
+    floor = work.upload_number(given.floor)
+    variances = map(work.upload_number, (given.noise_variance, given.model_variance))
+    settings = given.window, floor, *variances
+    core, part = _normalise_core(padded, given.window, floor, grey, there)
 
     s, views, count = work.upload(given.s), work.upload(given.views), len(given.coefficients)
     residuals = work.allocate((count, 4, *padded.shape), np.float32)
@@ -50,7 +53,6 @@ def normal_equations(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -
         value, slope = padded.plane(), padded.plane()
         padded.launch("pad_view", *warped, grey, there, *padded.geometry, value, slope)
         sums = padded.column_sums(value, given.window)
-        settings = given.window, float(given.floor), float(given.noise_variance), float(given.model_variance)
         fields = *core, part, there, value, slope, *sums
         padded.launch("view_residuals", *settings, *fields, *padded.geometry, residuals.part(i))
         misfit = residuals.part(i).part(3)
@@ -124,15 +126,15 @@ class _PaddedPlanes:
         return sums, squares
 
 
-def _normalise_core(padded: _PaddedPlanes, given: Any, grey: Any, there: Any) -> tuple[tuple[Any, Any], Any]:
+def _normalise_core(
+    padded: _PaddedPlanes, window: int, floor: Any, grey: Any, there: Any
+) -> tuple[tuple[Any, Any], Any]:
     """Return the core's normalised value and scale, and one over the number of each window's pixels."""
-    there_sums, _ = padded.column_sums(there, given.window)
-    sums = padded.column_sums(grey, given.window)
+    there_sums, _ = padded.column_sums(there, window)
+    sums = padded.column_sums(grey, window)
     value, scale, part = padded.plane(), padded.plane(), padded.plane()
     fields = grey, there_sums, *sums
-    padded.launch(
-        "normalise_core", given.window, float(given.floor), *fields, *padded.geometry, value, scale, part
-    )
+    padded.launch("normalise_core", window, floor, *fields, *padded.geometry, value, scale, part)
     return (value, scale), part
 
 

@@ -5,21 +5,34 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import count
 from math import prod
 from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
 
-MOST_BYTES = 10 << 30
-"""Bound of a pool without a GPU: a frame takes 650 to 990 bytes a pixel (emulated, preset ``standard``; the more
-pixels are refined, the more), so two frames of 2448 × 2048 px in flight fit."""
+MOST_BYTES = 12 << 30
+"""Bound of a pool without a GPU: a frame takes 740 to 1130 bytes a pixel with its graphs (emulated, preset
+``standard``; the more pixels are refined, the more), so two frames of 2448 × 2048 px in flight fit."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
 
 
 class DeviceError(Exception):
     """The device failed: it is lost, has no memory left, or a kernel went wrong."""
+
+
+class MemoryExceededError(DeviceError):
+    """The arrays in use exceed what the pool may take of the device."""
+
+
+class BlockOwner(Protocol):
+    """What a block returns to."""
+
+    def give_back(self, block: MemoryBlock) -> None:
+        """Note that a block is free; called by the garbage collector in any thread."""
+        ...
 
 
 class RawMemory(Protocol):
@@ -31,20 +44,26 @@ class RawMemory(Protocol):
         ...
 
 
+_serials = count()
+
+
 class MemoryBlock:
-    """Memory that returns to its pool when nothing refers to it any more."""
+    """Memory that returns to its owner when nothing refers to it any more."""
 
-    __slots__ = ("_pool", "events", "raw", "size")
+    __slots__ = ("events", "owner", "raw", "serial", "size")
 
-    def __init__(self, pool: MemoryPool, raw: Any, size: int, events: dict[int, Any]) -> None:
+    def __init__(self, owner: BlockOwner, raw: Any, size: int, events: dict[int, Any]) -> None:
         self.raw = raw
         self.size = size
         self.events = events
         """Stream (its ``id``) → the event after its last use of the block, for which other streams wait."""
-        self._pool = pool
+        self.owner = owner
+        """The pool, or the graph whose results lie in it."""
+        self.serial = next(_serials)
+        """Of this use of the memory; no other block has it."""
 
     def __del__(self) -> None:
-        self._pool.give_back(self)
+        self.owner.give_back(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +124,8 @@ class MemoryPool:
     grain: int = _GRAIN
     prepare: Callable[[Any], None] = lambda _: None
     """Called with memory before each use."""
+    reclaim: Callable[[], None] = lambda: None
+    """Called before a take fails; gives up blocks that could be done without."""
     allocated: int = 0
     """Bytes that the pool has of the device."""
     in_use: int = 0
@@ -119,8 +140,10 @@ class MemoryPool:
 
         Raises
         ------
+        MemoryExceededError
+            Where the bound would be exceeded.
         DeviceError
-            Where the bound would be exceeded or the device has no memory left.
+            Where the device has no memory left.
         """
         size = max(self.grain, -(-size // self.grain) * self.grain)
         with self._lock:
@@ -152,7 +175,11 @@ class MemoryPool:
         if self.allocated + size > self.bound:
             self._trim()
         if self.allocated + size > self.bound:
-            raise DeviceError(
+            self.reclaim()
+            self._collect()
+            self._trim()
+        if self.allocated + size > self.bound:
+            raise MemoryExceededError(
                 f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
             )
         raw = self.allocate(size)

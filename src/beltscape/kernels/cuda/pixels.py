@@ -30,6 +30,8 @@ def list_pixels(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> lis
     work.launch("count_pixels", grid_of(segments), _THREADS, mask, size, counts)
     work.launch("sum_counts", (1, 1, 1), _SCAN_THREADS, counts, segments, total)
     work.launch("list_pixels", grid_of(segments), _THREADS, mask, size, width, counts, rows, columns)
+    beyond = grid_of(size // 8 + 9)
+    work.launch("repeat_first_pixel", beyond, _THREADS, total, size, rows, columns)
     return [rows, columns, total]
 
 

@@ -89,7 +89,8 @@ def _find_candidates(work: Workspace, given: Any, active: DeviceArray) -> Device
     core, level = work.upload(given.core), work.allocate((1,), np.float32)
     work.launch("mean_level", (1, 1, 1), _MEAN_THREADS, core, width * height, level)
     offsets = np.concatenate([np.zeros((1, 2), np.int32), given.offsets])
-    costs = given.costs.separation, given.costs.floor, given.costs.unseen_cost, given.costs.tolerance
+    unseen = float(given.costs.unseen_cost), float(given.costs.tolerance)
+    costs = float(given.costs.separation), work.upload_number(given.costs.floor), *unseen
     places = work.allocate((4, given.candidates, height, width), np.float32)
     work.launch(
         "propagate_candidates",
@@ -97,7 +98,7 @@ def _find_candidates(work: Workspace, given: Any, active: DeviceArray) -> Device
         TILE,
         *(*map(work.upload, given.surface), core, level, active, width, height),
         *(*_upload_auxiliaries(work, given), len(given.images)),
-        *(work.upload(offsets), len(offsets), given.candidates, *map(float, costs), places),
+        *(work.upload(offsets), len(offsets), given.candidates, *costs, places),
     )
     return places
 

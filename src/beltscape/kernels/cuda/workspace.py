@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import prod
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -82,6 +82,12 @@ class Workspace:
         places = [self.upload(array) for array in arrays]
         return self.upload(np.array([place.address for place in places], np.uint64))
 
+    def upload_number(self, number: float | ResidentArray) -> DeviceArray:
+        """Return the address of a number in single precision, for kernels that read it from memory."""
+        if isinstance(number, ResidentArray):
+            return self.upload(number)
+        return self.upload(np.array([number], np.float32))
+
     def allocate(self, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
         """Return an array of arbitrary values."""
         kind = np.dtype(dtype)
@@ -92,6 +98,23 @@ class Workspace:
     def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
         """Run a kernel; see `beltscape.kernels.cuda.device.GpuDevice`."""
         self._device.launch(self._stream, kernel, grid, block, arguments, shared_bytes)
+
+    def use(self, arrays: Iterable[DeviceArray]) -> None:
+        """Wait for the last uses of arrays that the next graph reads or writes, and note this one."""
+        for each in arrays:
+            self._use(each)
+
+    def copy_to(self, source: NDArray[Any] | DeviceArray, array: DeviceArray) -> None:
+        """Copy an array of the processor or of the device to one of the device."""
+        if isinstance(source, DeviceArray):
+            self._device.copy_within(self._stream, self._use(source), array)
+            return
+        self._device.copy_in(self._stream, np.ascontiguousarray(source), array)
+        self._traffic.add_upload(source.nbytes)
+
+    def launch_graph(self, graph: Any) -> None:
+        """Run a graph of `beltscape.kernels.cuda.device.GpuDevice`, whose memory is in use already."""
+        self._device.launch_graph(self._stream, graph)
 
     def download(self, array: DeviceArray, out: NDArray[Any]) -> None:
         """Copy an array to ``out``, once all launches before have ended."""
@@ -145,12 +168,17 @@ class Workspace:
         return array
 
 
+Kind = TypeVar("Kind", bound=Workspace)
+
+
 @contextmanager
-def open_workspace(device: GpuDevice, traffic: Traffic) -> Generator[Workspace]:
+def open_workspace(
+    device: GpuDevice, traffic: Traffic, make: Callable[[GpuDevice, Any, Traffic], Kind] = Workspace
+) -> Generator[Kind]:
     """Return the workspace of one call on a device; its copies are added to ``traffic``."""
     stream = device.open_stream()
     try:
-        work = Workspace(device, stream, traffic)
+        work = make(device, stream, traffic)
         yield work
         work.close()
     finally:

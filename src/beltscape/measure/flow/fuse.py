@@ -33,6 +33,8 @@ class FusedRows:
     """The fused surface, with σ and noise for independent errors of the frames."""
     single_share: NDArray[np.float64]
     """(n,) share of a row's cells that a single frame measures, averaged over the frames with the row in view."""
+    frames: NDArray[np.int64]
+    """(n,) number of frames with the row in view."""
     false_mm: NDArray[np.float64]
     """(n,) σ of the row's mean height from depths that may be false, in all of its frames alike."""
     scatter: Scatter
@@ -88,7 +90,7 @@ def fuse(layers: Sequence[Layer], first: int, end: int) -> FusedRows:
         false[k, rows] = part.false_mm
     number = np.maximum(inside.sum(axis=0).astype(np.int64), 1)
     layer, scatter = _fuse_stack(height, sigma, noise, first, ray_slope.sum(axis=0) / number)
-    return FusedRows(layer, share.sum(axis=0) / number, false.sum(axis=0) / number, scatter)
+    return FusedRows(layer, share.sum(axis=0) / number, number, false.sum(axis=0) / number, scatter)
 
 
 def _fuse_stack(

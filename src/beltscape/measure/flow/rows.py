@@ -41,7 +41,7 @@ class _FusedPart:
     planes: NDArray[np.float32]
     """(3, n, Nx) height, σ and noise, mm."""
     by_row: NDArray[np.float64]
-    """(3, n) single share, ray slope, σ of the mean height from false depths."""
+    """(4, n) number of frames, single share, ray slope, σ of the mean height from false depths."""
 
     def __len__(self) -> int:
         return self.planes.shape[1]
@@ -99,7 +99,7 @@ class RowFiller:
         out = self.mark_unseen(layer.first)
         added = _FusedPart(
             np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm]),
-            np.stack([fused.single_share, layer.ray_slope, fused.false_mm]).astype(np.float64),
+            np.stack([fused.frames, fused.single_share, layer.ray_slope, fused.false_mm]).astype(np.float64),
         )
         seen = layer.share >= _MIN_SHARE
         for start, stop in _find_runs(seen):
@@ -138,7 +138,7 @@ class RowFiller:
         if self._rows and row > self._end:
             columns, count = self._rows[-1].planes.shape[2], row - self._end
             blank = np.full((3, count, columns), np.nan, np.float32)
-            self._rows.append(_FusedPart(blank, np.zeros((3, count))))
+            self._rows.append(_FusedPart(blank, np.zeros((4, count))))
 
     def close(self) -> list[PendingRows]:
         """End the segment and return its remaining rows."""

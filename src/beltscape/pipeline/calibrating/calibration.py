@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.calibration.assessment.board_print import describe_print
+from beltscape.calibration.assessment.board_size import CertifiedSize, estimate_board_size
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
@@ -58,7 +59,7 @@ from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.solving import solve_rig
 from beltscape.pipeline.calibrating.views import detect_rig_board
-from beltscape.target.board import Board, BoardSet, list_triples
+from beltscape.target.board import Board, BoardSet, corner_points_mm, list_triples
 
 MAX_SPLIT_RATIO = 2.0
 """Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
@@ -178,10 +179,10 @@ def calibrate(
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
-    _warn_of_lengths(board, adjustment, covariance, training, reporter)
+    size = _assess_size(board, adjustment, covariance, training, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
-    by_views, sized = _add_size(rig, board, adjustment, covariance)
+    rig = _complete_rig(limited, board, adjustment, covariance, size, (held_out, training), fit, covered)
+    by_views, sized = _add_size(rig, adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
@@ -252,21 +253,26 @@ def _assess_coverage(
     return coverage, None
 
 
-def _warn_of_lengths(
+def _assess_size(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
     training: Score,
     reporter: Reporter,
-) -> None:
-    """Warn of lengths on the board that contradict each other, and where no length was measured."""
-    for line in describe_print(board, adjustment, covariance.inflation):
-        reporter.warn(line)
+) -> CertifiedSize:
+    """Return the board's size; warn of lengths that contradict each other or it, and where none was measured."""
+    size = estimate_board_size(board, adjustment, covariance.inflation)
+    if isinstance(board, BoardSet) or board.axis_sigma is None:
+        for line in describe_print(board, adjustment, covariance.inflation):
+            reporter.warn(line)
+    if size.contradiction:
+        reporter.warn(size.contradiction)
     if not training.has_squares:
         reporter.warn(
             "no two cameras see the same corner at one instant, so that no length was measured and the rig is scored "
             "in px only: cameras that look at different sides of the board measure no common surface"
         )
+    return size
 
 
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
@@ -321,30 +327,32 @@ def _complete_rig(
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
-    held_out: Score | None,
-    training: Score,
+    size: CertifiedSize,
+    scores: tuple[Score | None, Score],
     fit: FitQuality,
     covered: CoveredRig | None,
 ) -> Rig:
     """Return the rig with its covariance, its quality and the board's shape, which `check` needs.
 
+    ``scores`` are those of views held out, if there are enough, and in training.
     ``covered`` is the rig within the volume that the board covered, where it is limited to that.
     """
-    rig = covered.rig if covered else rig
-    shaped = bool(np.any(adjustment.shape_mm))
+    rig = size.resize(covered.rig if covered else rig)
+    held_out, training = scores
+    shaped = bool(np.any(adjustment.geometry.points_mm != corner_points_mm(board)))
     quality = {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
         "fit": {"sound": fit.is_sound, "doubts": fit.findings},
         "sigma_inflation": covariance.inflation,
         "board": board.model_dump(),
-        "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
+        "board_corners_mm": size.factor * adjustment.geometry.points_mm if shaped else None,
     }
     if covered:
         quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
-    if board.scale_sigma:
-        quality["scale_sigma"] = board.scale_sigma
-    sized = add_scale(rig, covariance.matrix, board.scale_sigma)
+    if size.sigma:
+        quality["scale_sigma"] = size.sigma
+    sized = add_scale(rig, covariance.matrix, size.sigma)
     matrix = {"parameters": covariance.parameters, "matrix": sized}
     return replace(rig, quality=quality, covariance=matrix)
 
@@ -357,11 +365,11 @@ def _find_next_best_view(
 
 
 def _add_size(
-    rig: Rig, board: Board, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
 ) -> tuple[Array, RigCovariance]:
     """Return the covariances by clusters of views (G, G) and of the model with that of the board's size."""
-    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
-    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
+    by_views = add_scale(rig, compute_clustered_covariance(adjustment), rig.scale_sigma)
+    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, rig.scale_sigma))
 
 
 def _compute_depth_sigmas(

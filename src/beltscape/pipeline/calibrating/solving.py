@@ -18,7 +18,7 @@ from beltscape.calibration.lens_review import (
     review_lenses,
     select_suspicious_pairs,
 )
-from beltscape.calibration.network.instants import find_missing_instants, leave_out_instants
+from beltscape.calibration.network.contradicting_frames import find_contradicting_frames, leave_out_frames
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
@@ -45,7 +45,7 @@ def solve_rig(
 ) -> SolvedRig:
     """Return the hierarchy and the joint adjustment of the views, with the lens models that fit the measured board.
 
-    Frames without a common instant are left out by name.
+    Frames that contradict the others, as without a common instant, are left out by name.
 
     Raises
     ------
@@ -68,27 +68,27 @@ def solve_rig(
         again = _solve_views(own, board, hierarchy.rig.core, Silent(), start, models)
         hierarchy = replace(again, lens_choices=hierarchy.lens_choices)
         adjustment = _adjust_views(hierarchy, board, reporter)
-    return _leave_out_missing_instants(hierarchy, adjustment, board, start, reporter)
+    return _leave_out_contradicting_frames(hierarchy, adjustment, board, start, reporter)
 
 
-def _leave_out_missing_instants(
+def _leave_out_contradicting_frames(
     hierarchy: HierarchyResult,
     adjustment: BundleAdjustmentResult,
     board: Board,
     start: KnownIntrinsics,
     reporter: Reporter,
 ) -> SolvedRig:
-    """Return the solution without the frames that have no common instant; the same one if there are none."""
+    """Return the solution without the frames that contradict the others; the same one if there are none."""
     own = refit_own_views(hierarchy, adjustment)
-    missing = find_missing_instants(
+    contradicting = find_contradicting_frames(
         own.detections, own.monocular, select_suspicious_pairs(own, adjustment), adjustment.geometry.points_mm
     )
-    if not missing:
+    if not contradicting:
         return SolvedRig(hierarchy, adjustment, own)
-    kept = leave_out_instants(hierarchy.detections, missing)
+    kept = leave_out_frames(hierarchy.detections, contradicting)
     models = {name: camera.model for name, camera in hierarchy.rig.cameras.items()}
     again = _solve_views(kept, board, hierarchy.rig.core, Silent(), start, models)
-    again = replace(again, lens_choices=hierarchy.lens_choices, missing_instants=missing)
+    again = replace(again, lens_choices=hierarchy.lens_choices, contradicting_frames=contradicting)
     adjustment = _adjust_views(again, board, reporter)
     return SolvedRig(again, adjustment, refit_own_views(again, adjustment))
 

@@ -24,6 +24,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.layout_engine import LayoutEngine
+from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from beltscape.report.drawing.legend import Rgb, draw_text, measure_text
@@ -249,6 +250,26 @@ def make_panels(
     for unused in axes[count:]:
         unused.set_visible(False)
     return figure, list(axes[:count])
+
+
+class _MarkedFormatter(ScalarFormatter):
+    """Writes ticks with another decimal mark than a point."""
+
+    def __init__(self, mark: str) -> None:
+        super().__init__(useOffset=False)
+        self._mark = mark
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the text of a tick."""
+        return super().__call__(x, pos).replace(".", self._mark)
+
+
+def use_decimal_mark(axes: Sequence[Axes], mark: str) -> None:
+    """Write the numbers of all axes with a language's decimal mark; names that stand for ticks stay."""
+    for axis in axes:
+        for one in (axis.xaxis, axis.yaxis):
+            if type(one.get_major_formatter()) is ScalarFormatter:
+                one.set_major_formatter(_MarkedFormatter(mark))
 
 
 def show_map(axis: Axes, colors: Rgb, extent: Sequence[float], *, first_row_below: bool = True) -> None:

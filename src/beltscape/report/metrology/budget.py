@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from beltscape.report.drawing.charts import Chart
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, make_panels
+from beltscape.report.drawing.plots import Form, make_panels, use_decimal_mark
 from beltscape.report.metrology.certificate import open_metrology_texts
 from beltscape.report.metrology.explanation import name_total
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
@@ -109,6 +109,7 @@ def _plot_parts(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure
     axis.invert_yaxis()
     axis.set_xlabel(texts("axis.u", unit=document["unit"]))
     axis.grid(axis="x")
+    use_decimal_mark([axis], texts("decimal"))
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -14,7 +15,7 @@ from beltscape.metrology.certificate import APPLIES, Statement
 from beltscape.metrology.document import recommend_density
 from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, make_panels
+from beltscape.report.drawing.plots import Form, make_panels, use_decimal_mark
 from beltscape.report.metrology.pictures import LoadPicture
 from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, render
 from beltscape.report.production.texts import Texts, open_texts
@@ -23,6 +24,8 @@ PACKAGE = "beltscape.report.metrology"
 """Package of the languages' files."""
 _MOST_BARS = 8
 """Largest effects that a chart shows."""
+_RECORDS = re.compile(r"records (\d+) to (\d+)")
+"""A run of the history in a test's document."""
 _COLOURS = ("first", "second", "third", "fourth")
 """Roles of the loads' colours, in turn."""
 
@@ -204,6 +207,7 @@ def _plot_budget(result: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
     axis.invert_yaxis()
     axis.set_xlabel(texts("axis.u", unit=result["unit"] or "1"))
     axis.grid(axis="x")
+    use_decimal_mark([axis], texts("decimal"))
     return figure
 
 
@@ -275,6 +279,7 @@ def _plot_runs(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
     axis.set(xlabel=texts("axis.level"), ylabel=texts("axis.deviation"))
     axis.grid()
     axis.margins(0.15)
+    use_decimal_mark([axis], texts("decimal"))
     return figure
 
 
@@ -297,12 +302,18 @@ def _make_run_table(document: Mapping[str, Any], texts: Texts) -> Table:
             texts.number(run["level_m3_h"], 1),
             f"{texts.number(100 * (run['corrected_m3'] / run['reference'] / means[run['kind']] - 1), 2)} %",
             "–" if run["since_ms"] is None else texts.moment(run["since_ms"]),
-            run["source"],
+            _name_source(run["source"], texts),
         ]
         for run in document["runs"]
     ]
     columns = ("run", "reference", "measured", "corrected", "level", "deviation", "began", "source")
     return Table([texts(f"column.{name}") for name in columns], rows)
+
+
+def _name_source(source: str, texts: Texts) -> str:
+    """Return what a run was measured from: records of the history, or a folder by its name."""
+    found = _RECORDS.fullmatch(source)
+    return source if found is None else texts("records", first=found[1], last=found[2])
 
 
 def _format_volume(value: float, texts: Texts) -> str:
@@ -321,14 +332,14 @@ def _make_reference_table(document: Mapping[str, Any], texts: Texts) -> Table:
     for kind, one in document["references"].items():
         unit = "kg" if kind == "mass" else "m³"
         name = ", ".join(part for part in (one["name"], one["certificate"]) if part)
-        sigma = f"{one['sigma_percent']:g} % + {one['sigma_constant']:g} {unit}"
+        sigma = f"{texts.short(one['sigma_percent'])} % + {texts.short(one['sigma_constant'])} {unit}"
         rows.append(
             [texts(f"reference.{kind}"), name or "–", sigma, _degrees(one["degrees_of_freedom"], texts)]
         )
     for name, one in document["samples"].items():
         unit = "%" if name == "moisture" else "kg/m³"
-        value = f"{one['value']:g} {unit}"
-        rows.append([texts(f"sample.{name}"), value, f"{one['sigma']:g} {unit}", _degrees(one["degrees_of_freedom"], texts)])  # noqa: E501  # fmt: skip
+        value = f"{texts.short(one['value'])} {unit}"
+        rows.append([texts(f"sample.{name}"), value, f"{texts.short(one['sigma'])} {unit}", _degrees(one["degrees_of_freedom"], texts)])  # noqa: E501  # fmt: skip
     zero = document["zero"]
     if zero is not None:
         value = f"{texts.with_sigma(zero['area_mm2'], zero['sigma_mm2']).partition(' ±')[0]} mm²"

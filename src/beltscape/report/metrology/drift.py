@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, make_panels
+from beltscape.report.drawing.plots import Form, make_panels, use_decimal_mark
 from beltscape.report.metrology.certificate import open_metrology_texts
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
 from beltscape.report.production.texts import Texts
@@ -153,6 +153,7 @@ def _plot(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
     for axis in (turns, volume):
         axis.set_xlabel(texts("drift.days"))
         axis.grid()
+    use_decimal_mark([turns, volume], texts("decimal"))
     return figure
 
 

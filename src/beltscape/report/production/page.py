@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, make_panels
+from beltscape.report.drawing.plots import Form, make_panels, use_decimal_mark
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
 from beltscape.report.production.document import BatchOut, PeriodOut, ReportDocument, ScaleOut, SumsOut
 from beltscape.report.production.texts import Texts, make_title, open_texts, summarise
@@ -44,6 +44,7 @@ def _plot(document: ReportDocument, texts: Texts, form: Form) -> Figure:
     axis.set_xticks(ticks, [texts.clock(at_ms) for at_ms in ticks])
     axis.set_ylim(bottom=min(0.0, float(np.nanmin(values, initial=0.0))))
     axis.grid(axis="y")
+    use_decimal_mark([axis], texts("decimal"))
     return figure
 
 

@@ -38,6 +38,10 @@ class Texts:
         marks = str.maketrans({",": self.words["group"], ".": self.words["decimal"]})
         return text.translate(marks)
 
+    def short(self, value: float) -> str:
+        """Return a number as somebody gave it, without more digits."""
+        return f"{value:g}".replace("-", "−").replace(".", self.words["decimal"])
+
     def with_sigma(self, value: float | None, sigma: float | None) -> str:
         """Return value ± σ to two significant digits of σ (GUM 7.2.6)."""
         if value is None or sigma is None or not (isfinite(value) and isfinite(sigma)):

@@ -7,7 +7,7 @@ with known truth, estimates the probability of each (docs/explanation/matching.m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Any, NamedTuple
@@ -65,7 +65,7 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
     selector = CandidateSelector.from_surface(surface, planes, prepared)
     kernels = find_pixel_kernels(planes["initial confidence"])
     if kernels:
-        return _select_on_device(selector, kernels)
+        return _select_on_device(selector)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
     confidence = np.array(planes["initial confidence"], np.float32)
 
@@ -84,23 +84,27 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
     return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
 
 
-def _select_on_device(selector: CandidateSelector, kernels: PixelKernels) -> Selection:
+def _select_on_device(selector: CandidateSelector) -> Selection:
     """Return what `select_candidates` does, of planes on a GPU."""
-    surface = selector.surface
+    surface, context = selector.surface, selector.consistency.prepared.context
     selected = [surface.s, surface.slope_u, surface.slope_v, selector.planes["initial confidence"]]
     for pixels in selector.find_uncertain_pixels():
-        candidates, features = selector.find_candidates(pixels)
-        logits = selector.compute_logits(candidates, features)
-        numbers = np.zeros_like(logits) + np.arange(len(logits), dtype=np.float32)[:, None]
-        *offered, logit, number = kernels.pick_best(logits, [*candidates[:3], logits, numbers])
-        own = [plane[pixels] for plane in selected]
-        found = [np.where(number > 0, new, old) for new, old in zip(offered, own, strict=False)]
-        found.append(np.where(np.isfinite(logit), logit, own[-1]))
-        selected = [
-            kernels.put_pixels(plane, pixels, values) for plane, values in zip(selected, found, strict=True)
-        ]
+        selected = context.kernels.replay(_select_at, selector, pixels, selected)
     *planes, confidence = selected
     return Selection(Surface(*planes), confidence, selector.consistency.gain)
+
+
+def _select_at(selector: CandidateSelector, pixels: Pixels, selected: list[Floats]) -> list[Floats]:
+    """Return s, its slopes and the initial confidence (H, W) with those of selected candidates at some pixels."""
+    kernels = PixelKernels(selector.consistency.prepared.context.kernels.backend)
+    candidates, features = selector.find_candidates(pixels)
+    logits = selector.compute_logits(candidates, features)
+    numbers = np.zeros_like(logits) + np.arange(len(logits), dtype=np.float32)[:, None]
+    *offered, logit, number = kernels.pick_best(logits, [*candidates[:3], logits, numbers])
+    own = [plane[pixels] for plane in selected]
+    found: list[Floats] = [np.where(number > 0, new, old) for new, old in zip(offered, own, strict=False)]
+    found.append(np.where(np.isfinite(logit), logit, own[-1]))
+    return [kernels.put_pixels(plane, pixels, values) for plane, values in zip(selected, found, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,11 +122,8 @@ class CandidateSelector:
         cls, surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame
     ) -> CandidateSelector:
         """Return the selector for a surface with its `PIXEL_FEATURES` (H, W) by name."""
-        context, confidence = prepared.context, planes["initial confidence"]
-        occluders = np.where(confidence > OCCLUDING, surface.s, np.nan).astype(np.float32)
-        buffers = context.kernels.inverse_depth_buffers(
-            occluders, prepared.views, prepared.sizes, threads=context.threads
-        )
+        confidence = planes["initial confidence"]
+        buffers = prepared.context.kernels.replay(_buffer_occluders, surface.s, confidence, prepared)
         gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
         reliable = (confidence >= RELIABLE).astype(np.uint8)
         return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers))
@@ -185,6 +186,15 @@ class CandidateSelector:
             return np.where(np.isfinite(candidates.s), logit, np.float32(-np.inf))
         logits[np.isfinite(candidates.s)] = logit[0]
         return logits
+
+
+def _buffer_occluders(s: Floats, confidence: Floats, prepared: PreparedFrame) -> Sequence[Floats]:
+    """Return n of (h, w): the auxiliaries' inverse-depth buffers of the pixels that occlude others."""
+    context = prepared.context
+    occluders = np.where(confidence > OCCLUDING, s, np.nan).astype(np.float32)
+    return context.kernels.inverse_depth_buffers(
+        occluders, prepared.views, prepared.sizes, threads=context.threads
+    )
 
 
 class _ListedCandidates(NamedTuple):

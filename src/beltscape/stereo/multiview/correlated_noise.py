@@ -8,6 +8,7 @@ the surface by pull / information, and with independent noise these shifts diffe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -21,7 +22,7 @@ from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.kernels import Kernels
 from beltscape.kernels.planes import average_areas, interpolate_plane
 from beltscape.stereo.multiview.features import ConfidenceInputs
-from beltscape.stereo.multiview.frame import PreparedFrame
+from beltscape.stereo.multiview.frame import PreparedFrame, Windows
 from beltscape.stereo.multiview.surface import crop_projection
 
 TILE_PX = 18
@@ -124,7 +125,14 @@ def estimate_inflation(s: Floats, depth_steps: NDArray[np.bool_], prepared: Prep
     rows = min(height, _TILE_ROWS * side + 2 * windows.levels_px)
     smooth = ~np.asarray(depth_steps)
     firsts = np.linspace(0, height - rows, _BANDS + 2)[1:-1].astype(int)
-    tiles = [_accumulate_tiles(s, smooth, prepared, slice(f, f + rows)) for f in firsts]
+    bands = [slice(int(first), int(first) + rows) for first in firsts]
+    equations = prepared.context.kernels.replay(
+        _form_equations, s, prepared, tuple((band.start, band.stop) for band in bands)
+    )
+    tiles = [
+        _accumulate_tiles(of_band, smooth[band], windows)
+        for of_band, band in zip(equations, bands, strict=True)
+    ]
     parts = [_compute_squared_deviations(*sums, side) for sums in tiles]
     information, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
     return _estimate_groups(np.log(information), squares)
@@ -135,22 +143,33 @@ def compute_tile_side(scale: float) -> int:
     return max(3, round(TILE_PX * scale))
 
 
-def _accumulate_tiles(
-    s: Floats, smooth: NDArray[np.bool_], prepared: PreparedFrame, rows: slice
-) -> tuple[Floats, Floats]:
-    """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
-    band, noise, context = s[rows], prepared.noise, prepared.context
-    levels_px, side = context.windows.levels_px, compute_tile_side(context.scale)
-    core = prepared.core[rows]
-    sums: list[list[Floats]] = []
-    for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
+def _form_equations(
+    s: Floats, prepared: PreparedFrame, bands: tuple[tuple[int, int], ...]
+) -> list[list[tuple[Floats, Floats]]]:
+    """Return information and pull of each view by itself, in bands of rows (first, end) of the surface s (H, W)."""
+    noise, context = prepared.noise, prepared.context
+
+    def form(first: int, end: int, view: Floats, coefficients: Floats) -> tuple[Floats, Floats]:
         equations = context.kernels.normal_equations(
-            band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=levels_px,
-            floor=noise.floor, noise_variance=noise.levels, model_variance=noise.model, threads=context.threads,
+            s[first:end], prepared.core[first:end], [coefficients], crop_projection(view, 0, first)[None],
+            window=context.windows.levels_px, floor=noise.floor, noise_variance=noise.levels,
+            model_variance=noise.model, threads=context.threads,
         )  # fmt: skip
-        inner = slice(levels_px, len(band) - levels_px)
-        planes = (_select(np.asarray(p), smooth[rows]) for p in (equations.information, equations.pull))
-        sums.append([_sum_tiles(plane[inner], side) for plane in planes])
+        return equations.information, equations.pull
+
+    views = list(zip(prepared.views, prepared.coefficients, strict=True))
+    return [[form(*band, *view) for view in views] for band in bands]
+
+
+def _accumulate_tiles(
+    equations: Sequence[tuple[Floats, Floats]], smooth: NDArray[np.bool_], windows: Windows
+) -> tuple[Floats, Floats]:
+    """Sum information and pull of all views over the tiles of a band, each (views, tile rows, tile columns)."""
+    side, inner = compute_tile_side(windows.scale), slice(windows.levels_px, len(smooth) - windows.levels_px)
+    sums = [
+        [_sum_tiles(_select(np.asarray(plane), smooth)[inner], side) for plane in of_view]
+        for of_view in equations
+    ]
     information, pull = (np.stack(values) for values in zip(*sums, strict=True))
     return information, pull
 

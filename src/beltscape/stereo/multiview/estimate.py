@@ -79,8 +79,8 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     Without a candidate selection the initial features are used. The training frames have white noise; the effect of
     correlated noise is added to sigma afterwards.
     """
-    inputs, context = ConfidenceInputs.from_state(state), state.prepared.context
-    features = compute_initial_features(inputs)
+    context = state.prepared.context
+    inputs, features = context.kernels.replay(_compute_inputs, state)
     if state.selection is None:
         network = load_network("fast_confidence")
         outputs = network.evaluate(features, context.kernels, context.threads)
@@ -108,12 +108,21 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     )
 
 
+def _compute_inputs(state: MatcherState) -> tuple[ConfidenceInputs, dict[str, Floats]]:
+    """Return what the features are computed from, and those before the candidate selection."""
+    inputs = ConfidenceInputs.from_state(state)
+    return inputs, compute_initial_features(inputs)
+
+
 def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) -> Prediction:
     """Return the prediction (H, W) with that of the refinement network at uncertain pixels."""
     uncertain = mask_uncertain(prediction.logit) & np.isfinite(prediction.s)
     kernels = find_pixel_kernels(prediction.logit)
     if kernels:
-        return _refine_on_device(prediction, uncertain, inputs, kernels)
+        pixels = kernels.list_pixels(uncertain)
+        if not len(pixels[0]):
+            return prediction
+        return inputs.context.kernels.replay(_refine_at, pixels, prediction, inputs)
     refined, context = Prediction(*(plane.copy() for plane in prediction)), inputs.context
     if not uncertain.any():
         return refined
@@ -134,14 +143,10 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     return refined
 
 
-def _refine_on_device(
-    prediction: Prediction, uncertain: NDArray[np.bool_], inputs: RefinementInputs, kernels: PixelKernels
-) -> Prediction:
-    """Return what `refine_uncertain_pixels` does, of planes on a GPU."""
+def _refine_at(pixels: Pixels, prediction: Prediction, inputs: RefinementInputs) -> Prediction:
+    """Return what `refine_uncertain_pixels` does, of planes on a GPU; ``pixels`` are the uncertain ones."""
     context, px = inputs.context, np.float32(inputs.context.scale)
-    pixels = kernels.list_pixels(uncertain)
-    if not len(pixels[0]):
-        return prediction
+    kernels = PixelKernels(context.kernels.backend)
     accepted = mask_accepted(prediction.logit)
     addresses = kernels.assign_addresses(pixels, accepted, FIRST_UNCERTAIN)
     offsets = inputs.neighbourhood.spacing * np.array(OFFSETS)

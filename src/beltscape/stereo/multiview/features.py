@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
-from beltscape.kernels.planes import blur, dilate, erode, measure_distances, median_blur
+from beltscape.kernels.planes import blur, dilate, erode, measure_distances, median_blur, to_single
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.frame import PreparedFrame, Windows
@@ -52,16 +52,21 @@ class ImageFeatures(NamedTuple):
 
 def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     """Return the features of the core's image, and where it has texture."""
-    keep = prepared.context.kernels.keep
-    planes = {name: keep(plane) for name, plane in _compare_with_neighbourhood(prepared)}
+    kernels = prepared.context.kernels
+    found = kernels.replay(_compare_all, prepared)
+    planes = {name: kernels.keep(plane) for name, plane in found.items()}
     return ImageFeatures(planes, _mask_textured(prepared))
+
+
+def _compare_all(prepared: PreparedFrame) -> dict[str, Floats]:
+    return dict(_compare_with_neighbourhood(prepared))
 
 
 def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Floats]]:
     """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
     boxes = prepared.context.windows.boxes
     core = np.maximum(prepared.filled_core, 0)  # splines undershoot
-    noise = np.float32(prepared.noise.levels)
+    noise = to_single(prepared.noise.levels)
     wide_mean, wide_variance = compute_box_moments(core, boxes[_WIDE_PX])
     brightness, contrast = wide_mean + 1, wide_variance + noise
     for window_px in (5, 11):

@@ -7,18 +7,20 @@ grid, the kernels and the window sizes, which grow with the images as the patter
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.kernels import Kernels
-from beltscape.kernels.planes import average_blocks
+from beltscape.kernels import FrameNumbers, Kernels
+from beltscape.kernels.planes import average_blocks, to_single
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
-    compute_grey_levels,
+    compute_levels_and_gains,
     compute_local_variance,
     estimate_noise_variance,
     match_defocus,
@@ -131,7 +133,7 @@ _MODEL_VARIANCE = 0.05**2
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(FrameNumbers):
     """Variances of everything in the levels that is not texture."""
 
     levels: float
@@ -143,10 +145,12 @@ class Noise:
     demosaiced: bool = False
     """Whether the images were interpolated from a colour filter array."""
 
-    @property
-    def floor(self) -> float:
-        """Variance, levels², that is added to the variance of a window before division."""
-        return _FLOOR[0] * self.levels + _FLOOR[1] * self.texture
+    floor: float = field(init=False)
+    """Variance, levels², that is added to the variance of a window before division."""
+
+    def __post_init__(self) -> None:
+        """Compute the floor."""
+        object.__setattr__(self, "floor", _FLOOR[0] * self.levels + _FLOOR[1] * self.texture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,6 +174,12 @@ class PreparedFrame:
         """Fill the core."""
         object.__setattr__(self, "filled_core", fill_nan(self.core))
 
+    def with_noise(self, noise: Noise) -> PreparedFrame:
+        """Return the same frame with another noise."""
+        changed = copy(self)
+        object.__setattr__(changed, "noise", noise)
+        return changed
+
     @property
     def sizes(self) -> list[tuple[int, int]]:
         """(width, height) of the auxiliaries' images."""
@@ -181,23 +191,57 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     rig, auxiliaries, step = context.rig, context.auxiliaries, context.step
     kernels, threads = context.kernels, context.threads
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
-    levels = compute_grey_levels(images, rig.core, threads)
+    taken, gains = compute_levels_and_gains(images, rig.core, threads)
+    levels = taken
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = {name: downsample(level, step) for name, level in levels.items()}
     levels = match_defocus(rig.core, levels, threads)
     core = levels[rig.core]
     noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
-    unit = context.inverse_depth_scale
+    own_view = pack_projection(rig, rig.core, context.inverse_depth_scale, step, step)
+    given: dict[str, NDArray[np.float32] | ByteLevels] = {}
+    for name, level in levels.items():
+        image: NDArray[Any] = images[name]
+        is_as_taken = level is taken[name] and image.ndim == 2 and image.dtype == np.uint8
+        if kernels.is_resident and is_as_taken:
+            given[name] = ByteLevels(kernels.keep(image.view()), gains[name])  # the view becomes read-only
+        else:
+            given[name] = kernels.keep(level)
+    others = tuple(given[name] for name in auxiliaries)
+    return kernels.replay(_place_on_grid, given[rig.core], others, own_view, noise, context)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByteLevels(FrameNumbers):
+    """The levels of an image of bytes, which are a quarter of them to copy to a GPU."""
+
+    image: NDArray[np.uint8]
+    """(H, W)"""
+    gain: float
+
+    def compute(self) -> NDArray[np.float32]:
+        """Return the levels (H, W)."""
+        return self.image.astype(np.float32) * to_single(self.gain)
+
+
+def _place_on_grid(
+    core: NDArray[np.float32] | ByteLevels,
+    images: tuple[NDArray[np.float32] | ByteLevels, ...],
+    own_view: NDArray[np.float32],
+    noise: Noise,
+    context: MatchContext,
+) -> PreparedFrame:
+    """Return the frame of levels on the grid of ``context``; ``own_view`` (39,) is the core's own projection."""
+    kernels, threads = context.kernels, context.threads
+    core, *others = (each.compute() if isinstance(each, ByteLevels) else each for each in (core, *images))
     coefficients = kernels.spline_coefficients(core, threads=threads)
     s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
-    own_view = pack_projection(rig, rig.core, unit, step, step)
     undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
-    on_grid = tuple(kernels.keep(levels[name]) for name in auxiliaries)
     return PreparedFrame(
         core=undistorted.astype(np.float32, copy=False),
-        images=on_grid,
-        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in on_grid),
-        views=pack_projections(rig, auxiliaries, unit, step),
+        images=tuple(others),
+        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in others),
+        views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
         noise=noise,
         context=context,
     )
@@ -205,24 +249,32 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
 
 def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
     """Return the frame on a grid of half the width and height."""
+    halved, core = prepared.context.kernels.replay(_halve_levels, prepared)
+    noise = replace(
+        prepared.noise,
+        levels=prepared.noise.levels / 4,
+        model=_MODEL_VARIANCE,
+        texture=_find_strongest_texture(core),
+    )
+    return halved.with_noise(noise)
+
+
+def _halve_levels(prepared: PreparedFrame) -> tuple[PreparedFrame, NDArray[np.float32]]:
+    """Return the frame on a grid of half the width and height, with the larger noise, and its core without NaN."""
     context = prepared.context.halve()
     core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
     valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
-    return PreparedFrame(
+    halved = PreparedFrame(
         core=np.where(valid_share < 1, np.float32(np.nan), core),
         images=(on_grid := tuple(map(context.kernels.keep, images))),
         coefficients=tuple(
             context.kernels.spline_coefficients(image, threads=context.threads) for image in on_grid
         ),
         views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
-        noise=replace(
-            prepared.noise,
-            levels=prepared.noise.levels / 4,
-            model=_MODEL_VARIANCE,
-            texture=_find_strongest_texture(core),
-        ),
+        noise=prepared.noise,
         context=context,
     )
+    return halved, core
 
 
 def _find_strongest_texture(core: NDArray[np.float32]) -> float:

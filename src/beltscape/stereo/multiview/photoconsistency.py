@@ -51,21 +51,29 @@ def estimate_gain(
 ) -> PhotometricGain:
     """Return the auxiliaries' gains and the variance of differences, estimated on the surface s (H, W).
 
-    ``cost`` (H, W) and ``buffers`` are those of `estimate_gain_maps`.
+    ``cost`` (H, W) is the dissimilarity of the images on the surface, 0..1; ``buffers`` are the auxiliaries'
+    inverse-depth buffers of its occluders.
     """
     gains, variance = run_pair(
-        lambda: estimate_gain_maps(s, cost, prepared, buffers),
+        lambda: _estimate_coarse_gains(s, cost, prepared, buffers),
         lambda: compute_difference_variance(prepared.filled_core, prepared.noise),
         prepared.context.threads,
     )
-    keep = prepared.context.kernels.keep
-    return PhotometricGain([keep(gain) for gain in gains], keep(variance))
+    kernels = prepared.context.kernels
+    gains = [kernels.keep(gain) for gain in gains]
+    return kernels.replay(_enlarge_gains, gains, kernels.keep(variance), (s.shape[1], s.shape[0]))
 
 
-def estimate_gain_maps(
+def _enlarge_gains(
+    gains: list[NDArray[np.float32]], variance: NDArray[np.float32], size: tuple[int, int]
+) -> PhotometricGain:
+    return PhotometricGain([interpolate_plane(gain, size) for gain in gains], variance)
+
+
+def _estimate_coarse_gains(
     s: Floats, cost: Floats, prepared: PreparedFrame, buffers: Sequence[Floats]
 ) -> list[NDArray[np.float32]]:
-    """Return n of (H, W): the factor by which each auxiliary's levels become the core's.
+    """Return n planes of every fourth row and column: the factor by which each auxiliary's levels become the core's.
 
     ``cost`` (H, W) is the dissimilarity of the images on the surface s (H, W), 0..1; ``buffers`` are the auxiliaries'
     inverse-depth buffers of its occluders.
@@ -88,8 +96,7 @@ def estimate_gain_maps(
         overall = float(cross.sum()) / total if total > 0 else 1.0
         prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
         gain = (cv2.blur(cross, box) + overall * prior) / (cv2.blur(square, box) + prior)
-        size = s.shape[1], s.shape[0]
-        return interpolate_plane(context.kernels.keep(np.asarray(gain, np.float32)), size)
+        return np.asarray(gain, np.float32)
 
     views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
     return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
@@ -181,14 +188,26 @@ def _compute_on_device(
     surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel, kernels: PixelKernels
 ) -> Iterator[tuple[str, Floats]]:
     """Yield what `compute_photometric_features` does, of planes on a GPU."""
-    auxiliaries = len(consistency.prepared.images)
-    elsewhere = _list_consistent_values(auxiliaries)
     pixels = kernels.list_pixels(initial_confidence < PHOTOMETRIC_LIMIT)
+    given = pixels, surface, initial_confidence, consistency
+    yield from consistency.prepared.context.kernels.replay(_compute_at, *given).items()
+
+
+def _compute_at(
+    pixels: Pixels, surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel
+) -> dict[str, Floats]:
+    """Return the photo-consistency (H, W) by name, evaluated at some pixels on a GPU."""
+    kernels, auxiliaries = (
+        PixelKernels(consistency.prepared.context.kernels.backend),
+        len(consistency.prepared.images),
+    )
+    elsewhere = _list_consistent_values(auxiliaries)
+    planes = {name: np.full_like(initial_confidence, value) for name, value in elsewhere.items()}
+    if not len(pixels[0]):
+        return planes
     s, *slopes = (plane[pixels] for plane in (surface.s, surface.slope_u, surface.slope_v))
-    found: dict[str, Floats] = {}
-    if s.size:
-        evaluated = consistency.evaluate(pixels, s[None], (slopes[0][None], slopes[1][None]))
-        found = dict(compute_photo_consistency_features(evaluated, auxiliaries))
-    for name, value in elsewhere.items():
-        plane = np.full_like(initial_confidence, value)
-        yield name, kernels.put_pixels(plane, pixels, found[name].reshape(-1)) if found else plane
+    evaluated = consistency.evaluate(pixels, s[None], (slopes[0][None], slopes[1][None]))
+    found = dict(compute_photo_consistency_features(evaluated, auxiliaries))
+    return {
+        name: kernels.put_pixels(plane, pixels, found[name].reshape(-1)) for name, plane in planes.items()
+    }

@@ -47,7 +47,14 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 def compute_grey_levels(
     images: Mapping[str, Image], core: str, threads: int = 1
 ) -> dict[str, NDArray[np.float32]]:
-    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core.
+    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core."""
+    return compute_levels_and_gains(images, core, threads)[0]
+
+
+def compute_levels_and_gains(
+    images: Mapping[str, Image], core: str, threads: int = 1
+) -> tuple[dict[str, NDArray[np.float32]], dict[str, float]]:
+    """Return the levels of `compute_grey_levels`, and the factor of each camera's, to that of the core's contrast.
 
     Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
     gives the best single image of a coloured pattern.
@@ -62,10 +69,10 @@ def compute_grey_levels(
     found = dict(zip(images, run_parallel(jobs, threads), strict=True))
     _, core_contrast = found[core]
     gains = {
-        name: np.clip(core_contrast / contrast, *_GAIN) if contrast else 1
+        name: float(np.clip(core_contrast / contrast, *_GAIN)) if contrast else 1.0
         for name, (_, contrast) in found.items()
     }
-    return {name: level * np.float32(gains[name]) for name, (level, _) in found.items()}
+    return {name: level * np.float32(gains[name]) for name, (level, _) in found.items()}, gains
 
 
 def estimate_noise_variance(level: NDArray[np.float32]) -> float:

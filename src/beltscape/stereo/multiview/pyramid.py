@@ -31,7 +31,7 @@ from beltscape.stereo.multiview.depth_range import (
     shrink_frame,
     sweep_planes,
 )
-from beltscape.stereo.multiview.frame import Noise, PreparedFrame, halve_frame
+from beltscape.stereo.multiview.frame import Noise, PreparedFrame, Radii, halve_frame
 from beltscape.stereo.multiview.optimisation import (
     LeastSquaresResult,
     PropagationResult,
@@ -176,7 +176,7 @@ class PyramidSolver:
         """
         has_coarser = self.settings.has_coarser_grid(prepared.core.shape[1])
         surface = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
-        return surface, replace(prepared, noise=estimate_noise(surface, prepared))
+        return surface, prepared.with_noise(estimate_noise(surface, prepared))
 
     def propagate(
         self, surface: Surface, prepared: PreparedFrame
@@ -185,9 +185,10 @@ class PyramidSolver:
         settings = self.settings
         distances, narrow = settings.offsets_px(prepared.context.scale), prepared.context.windows.narrow
         for turn in range(settings.rounds):
-            alternating = turn if settings.rounds > 1 else None
-            propagated = propagate(surface, prepared, distances, alternating)
-            solution = solve_least_squares(propagated.surface, prepared, settings.round_tolerances_px, narrow)
+            alternating = turn % 2 if settings.rounds > 1 else None
+            propagated, solution = prepared.context.kernels.replay(
+                _run_round, surface, prepared, distances, alternating, settings.round_tolerances_px, narrow
+            )
             if turn + 1 == settings.rounds or _compute_changed_share(surface, propagated.surface) < _SETTLED:
                 self.on_step()
                 return propagated, solution
@@ -208,8 +209,27 @@ class PyramidSolver:
         s_range = 1 / (far * unit), 1 / (near * unit)
         s = initialise_inverse_depth(prepared, s_range, resolution)
         self.on_step()
-        surface = fit_slopes(s, context.kernels, context.threads)
-        return solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
+        return context.kernels.replay(_fit_swept_surface, s, prepared)
+
+
+def _run_round(
+    surface: Surface,
+    prepared: PreparedFrame,
+    distances_px: tuple[int, ...],
+    turn: int | None,
+    tolerances_px: tuple[float, ...],
+    radii: Radii,
+) -> tuple[PropagationResult, LeastSquaresResult]:
+    """Return the surface after propagation, and after the least squares from there."""
+    propagated = propagate(surface, prepared, distances_px, turn)
+    return propagated, solve_least_squares(propagated.surface, prepared, tolerances_px, radii)
+
+
+def _fit_swept_surface(s: NDArray[np.float32], prepared: PreparedFrame) -> Surface:
+    """Return the first surface after the sweep, which gave its inverse depth s (H, W)."""
+    context = prepared.context
+    surface = fit_slopes(s, context.kernels, context.threads)
+    return solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
 
 
 def _compute_changed_share(before: Surface, after: Surface) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_range
+from beltscape.core.arrays import Floats
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
@@ -19,7 +20,7 @@ from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.planes import to_processor
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
-from beltscape.stereo.multiview.candidates import Selection, select_candidates
+from beltscape.stereo.multiview.candidates import PIXEL_FEATURES, Selection, select_candidates
 from beltscape.stereo.multiview.estimate import DepthEstimate, estimate_depth
 from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
@@ -130,16 +131,32 @@ class MultiviewReconstructor:
         """Return the surface after the candidate selection of uncertain pixels; None without it."""
         if not self.settings.candidate_selection:
             return None
-        planes = compute_selection_features(ConfidenceInputs.from_state(state))
+        planes = state.prepared.context.kernels.replay(_compute_selection_planes, state)
         return select_candidates(state.solution.surface, planes, state.prepared)
 
     def solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
         """Return the surface after the last iteration."""
-        tolerance_px = self.settings.final_tolerance_px
-        solution = solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)
-        if not self.settings.twicing:
-            return solution
-        return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
+        iterate = _iterate_with_twicing if self.settings.twicing else _iterate
+        return prepared.context.kernels.replay(iterate, surface, prepared, self.settings.final_tolerance_px)
+
+
+def _compute_selection_planes(state: MatcherState) -> dict[str, Floats]:
+    """Return the planes (H, W) by name that the candidate selection takes."""
+    planes = compute_selection_features(ConfidenceInputs.from_state(state))
+    return {name: planes[name] for name in PIXEL_FEATURES}
+
+
+def _iterate(surface: Surface, prepared: PreparedFrame, tolerance_px: float) -> LeastSquaresResult:
+    """Return the surface after the last iteration."""
+    return solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)
+
+
+def _iterate_with_twicing(
+    surface: Surface, prepared: PreparedFrame, tolerance_px: float
+) -> LeastSquaresResult:
+    """Return the surface after the last iteration, with its flattening corrected."""
+    solution = _iterate(surface, prepared, tolerance_px)
+    return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
 
 
 def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confidence: float) -> DepthMap:

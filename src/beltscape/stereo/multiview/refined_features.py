@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +28,7 @@ from beltscape.stereo.multiview.features import (
     limit_confidence,
 )
 from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame
-from beltscape.stereo.multiview.parallel import Pixels, collect_parallel
+from beltscape.stereo.multiview.parallel import Pixels, collect_parallel, run_pair
 from beltscape.stereo.multiview.photoconsistency import (
     PhotoConsistencyModel,
     compute_photo_consistency_features,
@@ -72,18 +71,34 @@ def compute_refined_features(
     consistency: PhotoConsistencyModel,
 ) -> dict[str, Floats]:
     """Return the features (H, W) after candidate selection, which gave the initial confidence (H, W), a logit."""
+    slope_deviation, kernels = initial_features["slope deviation"], inputs.prepared.context.kernels
+    around, roughness = kernels.replay(_compute_around, inputs, initial_confidence, slope_deviation)
     parts = (
         partial(compute_photometric_features, inputs.surface, initial_confidence, consistency),
-        partial(compute_reliability_features, inputs, initial_confidence),
-        partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
+        around.items,
         inputs.image_features.items,
-        partial(compute_roughness_features, inputs, initial_features["slope deviation"]),
+        roughness.items,
     )
     # image features stand in the parts' order: a fit depends on the order of the features
     of_surface = {
         name: plane for name, plane in initial_features.items() if name not in inputs.image_features
     }
     return of_surface | collect_parallel(parts, inputs.prepared.context.threads)
+
+
+def _compute_around(
+    inputs: ConfidenceInputs, initial_confidence: Floats, slope_deviation: Floats
+) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the features of the initial confidence (H, W), a logit, around each pixel, and those of roughness."""
+    parts = (
+        partial(compute_reliability_features, inputs, initial_confidence),
+        partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
+    )
+    roughness = partial(compute_roughness_features, inputs, slope_deviation)
+    threads = inputs.prepared.context.threads
+    return run_pair(
+        lambda: collect_parallel(parts, threads), lambda: collect_parallel((roughness,), threads), threads
+    )
 
 
 def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: Floats) -> Features:
@@ -125,17 +140,16 @@ def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Floats
         yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
     log_sigma = 0.5 * np.log(np.clip(inputs.filled_variance, 1e-8, 4.0))
     averaged = used, disagreement, used * slope_deviation, used * log_sigma
-    keep = inputs.prepared.context.kernels.keep
     tiles = [_average_tiles(plane, scale) for plane in averaged]
     for window_px, side in _WIDE_TILES.items():
-        share, total, *others = (cv2.blur(plane, (side, side)) for plane in tiles)
+        share, total, *others = (blur(plane, (side, side)) for plane in tiles)
         means = [
             np.log(_compute_mean(total, share) + np.float32(_LEAST)),
             *(_compute_mean(plane, share) for plane in others),
         ]
         names = "window disagreement", "slope deviation", "log sigma"
         for name, plane in zip(names, means, strict=True):
-            yield f"{name} within {window_px}", interpolate_plane(keep(plane), used.shape[::-1])
+            yield f"{name} within {window_px}", interpolate_plane(plane, used.shape[::-1])
 
 
 def _compute_mean(total: Floats, share: Floats) -> Floats:
@@ -147,7 +161,7 @@ def _average_tiles(plane: Floats, scale: float) -> Floats:
     side = max(1, int(_TILE_PX * scale))
     height, width = plane.shape
     size = max(1, width // side), max(1, height // side)
-    return np.asarray(average_areas(plane, size))
+    return average_areas(plane, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

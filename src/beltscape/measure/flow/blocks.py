@@ -22,8 +22,8 @@ from beltscape.workers.transport import SharedObject
 _LOWER_SIGMA = 0.4
 """Cells that none of many frames measured are put lower by this many σ: midway between the heaps of this program's
 simulator, on nine of which 0.1 would be right, and the heap of another renderer, on which 0.7 would."""
-_COMMON = 0.5
-"""Share of the holes' σ that is common to all holes: errors over σ of these heaps' totals are 0.9 RMS (0.35: 1.2)."""
+_COMMON = 0.4
+"""Share of the holes' σ that is common to all holes: errors over σ of the totals of these ten heaps are 0.8 RMS."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from io import BytesIO
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -207,9 +208,7 @@ def test_an_image_of_12_bits_fills_the_range_of_16(tmp_path: Path, extension: st
 
 
 @pytest.mark.parametrize(("step", "top"), [(1, 4096), (4, 1023), (16, 255)])
-def test_a_dark_image_whose_bits_stand_at_the_top_is_not_changed(
-    tmp_path: Path, step: int, top: int
-) -> None:
+def test_a_dark_image_whose_bits_stand_at_the_top_is_not_changed(tmp_path: Path, step: int, top: int) -> None:
     stored = (step * np.random.default_rng(1).integers(0, top + 1, (20, 30))).astype(np.uint16)
     stored[0, 0] = step * top
     write_image(tmp_path / "dark.png", stored)

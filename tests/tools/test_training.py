@@ -289,11 +289,13 @@ def test_samples_are_drawn_with_the_networks_in_use(load, capture, tmp_path, mon
     registry.load_network.cache_clear()
 
 
-def test_the_assessment_scores_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:
+def test_the_assessment_scores_the_networks_in_use(load, capture, heap, tmp_path, monkeypatch) -> None:
     pytest.importorskip("torch", reason=WITHOUT_TORCH)
     assessment = load("assessment")
     limit_frames(monkeypatch, load("samples.pixels"))
-    metrics = assessment.assess_networks([capture], load("cache").SampleCache(tmp_path, Silent()))
+    copy = shutil.copytree(heap, tmp_path / "heap")
+    cache = load("cache").SampleCache(tmp_path / "samples", Silent())
+    metrics = assessment.assess_networks([capture], [copy], cache)
     assert metrics.keys() <= PURPOSES.keys()
     assert metrics["confidence"]["area under the ROC curve"] > 0.8
     assert 0.5 < metrics["confidence"]["sigma ratio"] < 2

@@ -1,7 +1,7 @@
 """Train every network from nothing but the simulator's seeds; what is there already is not done again.
 
-    cd tools && python -m training [--work FOLDER] [--captures N] [--heaps N] [--only NETWORK … [--ship]] [--workers N]
-                                   [--out FOLDER]
+    cd tools && python -m training [--work FOLDER] [--captures N] [--heaps N] [--only NETWORK … [--ship]]
+                                   [--workers N] [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
 it was. With --only some networks are fitted, from samples that the networks that ship gave; each fit says whether it

@@ -1,7 +1,8 @@
-"""The moving heaps that the network of holes is fitted to, by frames and by fused belts: materials, layers and rigs drawn at random.
+"""The moving heaps that the network of holes is fitted to: materials, layers and rigs drawn at random.
 
-Heap i is drawn from the seed ``[i, 28]``. What no frame of it measures depends on how its bodies lie, so their
-bedding, and the choice they had when they fell, are drawn as well. Heaps from `HELD_OUT` on are never fitted to.
+Heap i is drawn from the seed ``[i, 28]``. What a frame of it, and no frame, measures depends on how its bodies lie,
+so their bedding, and the choice they had when they fell, are drawn as well. Heaps from `HELD_OUT` on are never
+fitted to.
 """
 
 from __future__ import annotations

@@ -38,7 +38,9 @@ def collect_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -
     """Return the samples of hole cells: of the captures, and of moving heaps, of a frame and of all frames fused."""
     frames = cache.collect("holes", captures[:CAPTURES], lambda capture, _: _draw(capture))
     fused = cache.collect("heap_holes", heaps, _draw_heap)
-    return {key: frames[key] if key == "names" else np.concatenate([frames[key], fused[key]]) for key in frames}
+    return {
+        key: frames[key] if key == "names" else np.concatenate([frames[key], fused[key]]) for key in frames
+    }
 
 
 def train_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> Network:

@@ -42,4 +42,6 @@ def reconstruct_frame(folder: Path, name: str, preset: str) -> DepthMap:
 def _reconstruct(rig: Rig, images: Images, preset: str) -> DepthMap:
     frame = FrameSet("000", images)
     near_far = find_depth_range(rig, frame, Silent())
-    return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset)).reconstruct(frame, Silent())
+    return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset)).reconstruct(
+        frame, Silent()
+    )

@@ -110,9 +110,8 @@ def place_auxiliaries(height_mm: float, rng: np.random.Generator, *, held_out: b
     }
 
 
-def draw_projector(
-    number: int, height_mm: float, belt_mm: float, rng: np.random.Generator
-) -> dict[str, Any]:
+def draw_projector(number: int, height_mm: float, belt_mm: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the pattern, power, blur and place of a scenario's projector."""
     x, y = rng.uniform(-120, 120, 2)
     return {
         "seed": 100 + number,
@@ -126,6 +125,7 @@ def draw_projector(
 
 
 def draw_belt(rng: np.random.Generator) -> dict[str, Any]:
+    """Return the cross-section, sag and reflectance of a belt, and the floor below it."""
     width = float(rng.uniform(650, 1000))
     return {
         "width_mm": width,
@@ -149,6 +149,7 @@ def _draw_module(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def draw_sensor(rng: np.random.Generator) -> dict[str, Any]:
+    """Return the colour, bits and noise of the cameras."""
     full_well = float(np.exp(rng.uniform(np.log(4000), np.log(20_000))))
     return {
         "colour": str(rng.choice(["grey", "grey", "grey", "demosaiced", "rgb"])),

@@ -56,7 +56,7 @@ def fill_range(image: Image) -> Image:
     """
     if image.dtype != np.uint16 or image.max(initial=0) >= _TOP_OF_12 or not (image & _LOWEST_BITS).any():
         return image
-    return (image << 4) | (image >> 8)
+    return ((image << 4) | (image >> 8)).astype(np.uint16)
 
 
 def to_grey(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:

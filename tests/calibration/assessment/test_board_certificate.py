@@ -94,7 +94,7 @@ def test_rows_that_are_known_better_than_columns_give_the_size_and_its_sigma():
         off.append(np.linalg.norm(size.resize(own).cam_from_core["c"].center_mm) / true_mm - 1)
         sigma.append(size.sigma)
     ratio = np.sqrt(np.mean(np.square(off))) / np.sqrt(np.mean(np.square(sigma)))
-    least, most = np.sqrt(chi2.ppf([0.001, 0.999], count) / count)  # of so few examples
+    least, most = (np.sqrt(chi2.ppf(p, count) / count) for p in (0.001, 0.999))  # of so few examples
     assert least < ratio < most if count < 24 else 0.8 < ratio < 1.25
     assert np.sqrt(np.mean(np.square(off))) < 0.8 * np.sqrt(np.mean(np.square(plain)))
 

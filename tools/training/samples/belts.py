@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from training.belts import EMPTY, MOVING
 from training.reconstructions import reconstruct_frame
 from training.samples.holes import BORDER_MM, CELLS, Samples, sample_frame
 
+Value = TypeVar("Value")
 _ABOVE_MM = 20.0
 """Depth is searched this far above the heap: no frame need show it first, as those of a dark bare belt do not."""
 _SEEN = 0.9
@@ -38,10 +39,11 @@ class _BlockRecorder:
 
     blocks: list[BeltBlock] = field(default_factory=list)
 
-    def begin(self, function: Callable[..., Any], block: BeltBlock) -> PendingCall[Any]:
-        """Keep a block that the meter would have filled; see `CallMaker`."""
+    def begin(self, function: Callable[..., Value], *given: Any) -> PendingCall[Value]:  # noqa: ARG002
+        """Keep the block that the meter would have filled by the function; see `CallMaker`."""
+        block: BeltBlock = given[0]
         self.blocks.append(block)
-        return CallsHere().begin(_make_empty_rows, block)
+        return cast("PendingCall[Value]", CallsHere().begin(_make_empty_rows, block))
 
 
 def _make_empty_rows(block: BeltBlock) -> FilledBlock:

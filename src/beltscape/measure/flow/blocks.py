@@ -122,9 +122,7 @@ def fill_block(block: BeltBlock) -> FilledBlock:
     frames, single, _, false_mm = block.by_row
     first, end = block.own
     needed = slice(max(first - 1, 0), end)  # steps are looked for from the row before
-    filled = fill_holes(
-        holes.height_mm, holes.sigma_mm, holes.pinhole, cell_mm, holes.ray_slope, rows=needed
-    )
+    filled = fill_holes(holes.height_mm, holes.sigma_mm, holes.pinhole, cell_mm, holes.ray_slope, rows=needed)
     filled = _lower_holes(filled.cut(needed), frames[needed, None])
     own = slice(first - needed.start, end - needed.start)
     noise, measured = block.planes[2].astype(np.float64)[needed], holes.measured[needed]

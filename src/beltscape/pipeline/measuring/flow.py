@@ -111,14 +111,9 @@ def measure_flow_of_capture(
     near_far = _find_depth_range(ground, source, rig, load_mm, reporter)
     picture, steps = BeltPicture(ground, belt_cell_mm), list[FramePlacement]()
     meter = BeltFlowMeter(
-        ground,
-        settings,
-        density=density,
-        watch_belt=picture.add,
-        watch_step=steps.append,
-        scale_sigma=rig.scale_sigma,
-        calls=calls,
-    )
+        ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append,
+        scale_sigma=rig.scale_sigma, calls=calls,
+    )  # fmt: skip
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     chain = _make_chain(rig, ground, matcher, meter)
     direction = None if settings is None else settings.direction

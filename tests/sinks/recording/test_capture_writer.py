@@ -39,10 +39,11 @@ def frames(number: int, **values) -> FrameSet:
 @given(image=images)
 def test_images_read_back_exactly(tmp_path_factory, how, image):
     folder = tmp_path_factory.mktemp("capture")
-    CaptureWriter(folder, how).write(FrameSet("7", {"cam0": image}))
+    frame = FrameSet("7", {"cam0": image})
+    CaptureWriter(folder, how).write(frame)
     back = read_image(folder / "cam0" / f"7.{how}")
     assert back.dtype == image.dtype
-    assert np.array_equal(back, image)
+    assert np.array_equal(back, frame.images["cam0"])
 
 
 @given(st.integers(-(10**18), 10**18))

@@ -12,20 +12,19 @@ import pytest
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
-from beltscape.kernels.backend import FrameNumbers, gpu_failures
+from beltscape.kernels.backend import FrameNumbers
 from beltscape.kernels.cuda.backend import CudaBackend
-from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
+from beltscape.kernels.cuda.emulated_device import EmulatedDevice
 from beltscape.kernels.cuda.memory import DeviceError
 from beltscape.kernels.cuda.storage import place_in_turn
-from beltscape.kernels.native import NativeBackend
 from beltscape.kernels.planes import blur, dilate
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
-from tests.kernels.rounding import first_alike
+from tests.kernels.emulated import ON_EMULATION, backend_on
 from tests.kernels.test_resident import same_bytes
 from tests.stereo.scenes import make_ring, patch, plane, quantise, render_images
 
-pytestmark = pytest.mark.skipif(not is_emulation_built(), reason="the emulated GPU is not built")
+pytestmark = ON_EMULATION
 
 
 class Counting(EmulatedDevice):
@@ -46,17 +45,6 @@ class Counting(EmulatedDevice):
         before = self.outside
         super().launch_graph(stream, graph)
         self.outside = before
-
-
-@pytest.fixture(autouse=True)
-def no_failure():
-    gpu_failures.clear()
-    yield
-    gpu_failures.clear()
-
-
-def backend_on(device: EmulatedDevice) -> CudaBackend:
-    return CudaBackend(device, NativeBackend(first_alike("emulated")))
 
 
 @dataclass(frozen=True, slots=True)

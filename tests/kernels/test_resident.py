@@ -12,30 +12,18 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.backend import gpu_failures
-from beltscape.kernels.cuda.backend import CudaBackend
 from beltscape.kernels.cuda.constants import ConstantCache
-from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
+from beltscape.kernels.cuda.emulated_device import EmulatedDevice
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryPool
 from beltscape.kernels.cuda.workspace import Traffic, open_workspace
-from beltscape.kernels.native import NativeBackend
 from beltscape.kernels.resident import ResidentArray
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
+from tests.kernels.emulated import ON_EMULATION, backend_on
 from tests.kernels.rounding import first_alike
 from tests.stereo.scenes import make_ring, patch, plane, quantise, render_images
 
-pytestmark = pytest.mark.skipif(not is_emulation_built(), reason="the emulated GPU is not built")
-
-
-@pytest.fixture(autouse=True)
-def no_failure():
-    gpu_failures.clear()
-    yield
-    gpu_failures.clear()
-
-
-def backend_on(device: EmulatedDevice) -> CudaBackend:
-    return CudaBackend(device, NativeBackend(first_alike("emulated")))
+pytestmark = ON_EMULATION
 
 
 def image(seed: int = 0) -> np.ndarray:

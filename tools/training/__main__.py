@@ -30,7 +30,7 @@ from beltscape.learned.network import Network, write_network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.workers.options import HERE, WorkerOptions
 from training.assessment import assess_networks, assess_reconstruction
-from training.belts import locate_heap, render_heap
+from training.belts import render_heap
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.drawing import Drawing
@@ -149,11 +149,10 @@ class Subject:
     folder: str
     """Name of its folder in the work folder."""
     render: Callable[[int, Path], Path]
-    locate: Callable[[int, Path], Path]
 
 
-FRAMES = Subject("captures", render_scenario, locate_capture)
-MOVING_HEAPS = Subject("heaps", render_heap, locate_heap)
+FRAMES = Subject("captures", render_scenario)
+MOVING_HEAPS = Subject("heaps", render_heap)
 
 
 def render_all(
@@ -165,7 +164,7 @@ def render_all(
     Drawing(workers).run(
         subject.render, tasks, lambda done: reporter.step(subject.folder, done, len(numbers))
     )
-    return [subject.locate(number, cache) for number in numbers]
+    return [locate_capture(number, cache) for number in numbers]
 
 
 def main() -> None:

@@ -12,18 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.progress import Silent
-from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from training.materials import MIXTURES, Heap
-from training.scenarios import HELD_OUT, draw_belt, draw_projector, draw_sensor, place_auxiliaries
+from training.scenarios import (
+    HELD_OUT,
+    SENSOR_MM,
+    draw_belt,
+    draw_projector,
+    draw_sensor,
+    locate_capture,
+    place_auxiliaries,
+    render_once,
+)
 
 MOVING, EMPTY = "moving", "empty"
 """Folders of the moving heap, and of its empty belt."""
 _FAMILY = 28
 """Second part of every seed: another value gives other heaps."""
-_SENSOR_MM = 8.4456
-"""Width of the paper's sensor; the focal length follows from it and from the view."""
 MATERIALS = (
     "stones",
     "stones",
@@ -55,8 +60,8 @@ def draw_heap_in_motion(number: int, kind: str) -> Scenario:
             "seed": 9000 + number,
             "scale": 1.0,
             "size_px": (width, round(width * 5 / 12) * 2),
-            "pitch_um": 1000 * _SENSOR_MM / width,
-            "focal_mm": _SENSOR_MM * height / view,
+            "pitch_um": 1000 * SENSOR_MM / width,
+            "focal_mm": SENSOR_MM * height / view,
             "height_mm": height,
             "tilt_deg": float(rng.choice([0.0, rng.uniform(-6, 6)])),
             **place_auxiliaries(height, rng, held_out=False),
@@ -83,13 +88,7 @@ def _draw_heap(number: int, rng: np.random.Generator) -> Heap:
 
 def render_heap(number: int, cache: Path) -> Path:
     """Return the folder of a heap's captures, rendered into the cache where they are not there yet."""
-    folder = locate_heap(number, cache)
+    folder = locate_capture(number, cache)
     for name, kind in ((EMPTY, "belt_empty"), (MOVING, "belt_moving")):
-        if not (folder / name / "preview.png").is_file():  # written last
-            simulate(draw_heap_in_motion(number, kind), folder / name, Silent())
+        render_once(draw_heap_in_motion(number, kind), folder / name)
     return folder
-
-
-def locate_heap(number: int, cache: Path) -> Path:
-    """Return the folder of a heap's captures in the cache."""
-    return cache / f"{number:04d}"

@@ -40,7 +40,7 @@ _CLOSE = 40
 for a quarter of the cost."""
 _SHAPES = (5 / 6, 3 / 4, 5 / 8)
 """Heights of the images over their widths: of the paper's sensor, and of two others."""
-_SENSOR_MM = 8.4456
+SENSOR_MM = 8.4456
 """Width of the paper's sensor; the focal length follows from it and from the view."""
 _WITHOUT_PATTERN = 11
 """Period of the scenarios whose projector is off: most surfaces that are found there are false."""
@@ -88,8 +88,8 @@ def _draw_rig(number: int, height_mm: float, belt_mm: float, rng: np.random.Gene
         "seed": 5000 + number,
         "scale": 1.0,
         "size_px": (width, round(width * float(rng.choice(_SHAPES)) / 2) * 2),
-        "pitch_um": 1000 * _SENSOR_MM / width,
-        "focal_mm": _SENSOR_MM * height_mm / view,
+        "pitch_um": 1000 * SENSOR_MM / width,
+        "focal_mm": SENSOR_MM * height_mm / view,
         "height_mm": height_mm,
         "tilt_deg": float(rng.choice([0.0, rng.uniform(9, 14) if held_out else rng.uniform(-8, 8)])),
         "yaw_deg": float(rng.choice([0.0, rng.uniform(-45, 45)])),
@@ -167,16 +167,21 @@ def _draw_dust(rng: np.random.Generator) -> list[dict[str, Any]]:
 
 
 def locate_capture(number: int, cache: Path) -> Path:
-    """Return the folder of a scenario's capture in the cache."""
+    """Return the folder of a scenario's capture, or of a moving heap's captures, in their cache."""
     return cache / f"{number:04d}"
 
 
 def render_scenario(number: int, cache: Path) -> Path:
     """Return the folder of a scenario's capture, rendered into the cache where it is not there yet."""
     folder = locate_capture(number, cache)
-    if not (folder / "preview.png").is_file():  # written last
-        simulate(draw_scenario(number), folder, Silent())
+    render_once(draw_scenario(number), folder)
     return folder
+
+
+def render_once(scenario: Scenario, folder: Path) -> None:
+    """Render a scenario into a folder where it is not there yet."""
+    if not (folder / "preview.png").is_file():  # written last
+        simulate(scenario, folder, Silent())
 
 
 def main(cache: Path, numbers: list[int]) -> None:

@@ -40,7 +40,7 @@ class FrameSet:
         return f"FrameSet({self.frame}: {', '.join(self.images)})"
 
     def __post_init__(self) -> None:
-        """Raise InputError unless ``images`` maps camera names to images."""
+        """Raise InputError unless ``images`` maps camera names to images; fill the range of those of 12 bits."""
         require_text(self.frame, "frame")
         require_images(self.images)
         if any(image.dtype == np.uint16 for image in self.images.values()):
@@ -56,7 +56,7 @@ def fill_range(image: Image) -> Image:
     """
     if image.dtype != np.uint16 or image.max(initial=0) >= _TOP_OF_12 or not (image & _LOWEST_BITS).any():
         return image
-    return ((image << 4) | (image >> 8)).astype(np.uint16)
+    return ((image << 4) | (image >> 8)).astype(np.uint16, copy=False)
 
 
 def to_grey(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,7 +14,6 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.belt_scores import TrueBelt, compute_true_cells, read_true_belt
 from beltscape.files.fused_belt import FusedBelt
 from beltscape.files.rig_json import read_rig
-from beltscape.kernels import load as load_kernels
 from beltscape.kernels.holes import HOLE_FEATURES
 from beltscape.measure.flow.blocks import BeltBlock, FilledBlock, Rows, gather_holes
 from beltscape.pipeline.measuring.flow import Flow, measure_flow_of_capture
@@ -22,7 +21,7 @@ from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.workers.calls import CallsHere, PendingCall
 from training.belts import EMPTY, MOVING
 from training.reconstructions import reconstruct_frame
-from training.samples.holes import BORDER_MM, CELLS, Samples, sample_frame
+from training.samples.holes import BORDER_MM, Samples, draw_cells, list_samples, sample_frame
 
 Value = TypeVar("Value")
 _ABOVE_MM = 20.0
@@ -69,7 +68,7 @@ def draw_belt_samples(folder: Path, preset: str) -> Samples:
         load_mm=float(truth.height_mm.max()) + _ABOVE_MM,
         calls=recorder,
     )
-    return _draw(join_samples([_collect_block(block, flow, truth) for block in recorder.blocks]))
+    return draw_cells(_join_samples([_collect_block(block, flow, truth) for block in recorder.blocks]))
 
 
 def draw_frame_samples(folder: Path, preset: str) -> Samples:
@@ -86,23 +85,12 @@ def draw_frame_samples(folder: Path, preset: str) -> Samples:
 
 def _collect_block(block: BeltBlock, flow: Flow, truth: TrueBelt) -> Samples:
     """Return the samples of a block's own rows."""
-    holes = gather_holes(block)
-    # the reference computes the features in double
-    inputs = load_kernels("reference").hole_inputs(
-        holes.height_mm, holes.pinhole, holes.ray_slope, block.grid.value.cell_mm
-    )
-    true_mm = _compute_truth(block, flow, truth)
-    hole = ~np.isfinite(holes.height_mm)
-    rows = np.nonzero(hole)[0]
-    own = (rows >= block.own[0]) & (rows < block.own[1])
-    usable = np.flatnonzero(own & np.isfinite(inputs.base) & np.isfinite(true_mm[hole]))
-    scale = inputs.scale[usable]
-    target = (true_mm[hole] - inputs.base)[usable] / scale
-    return Samples(HOLE_FEATURES, inputs.features[:, usable].T.astype(np.float32), target, scale)
+    holes, true_mm = gather_holes(block), _compute_truth(block, flow, truth)
+    return list_samples(holes.height_mm, holes.pinhole, holes.ray_slope, true_mm, block.grid.value.cell_mm)
 
 
 def _compute_truth(block: BeltBlock, flow: Flow, truth: TrueBelt) -> np.ndarray:
-    """Return the (n, Nx) true height of a block's cells; NaN near the belt's sides and outside the truth."""
+    """Return the (n, Nx) true height of a block's own cells; NaN near the belt's sides and outside the truth."""
     reference, cell = flow.meter.reference, block.grid.value.cell_mm
     shape = block.planes.shape[1:]
     first = block.number - block.own[0]
@@ -120,17 +108,13 @@ def _compute_truth(block: BeltBlock, flow: Flow, truth: TrueBelt) -> np.ndarray:
     x = fused.heights.x_mm
     left, right = reference.belt.across_mm
     true_mm[:, (x < left + BORDER_MM) | (x > right - BORDER_MM)] = np.nan
+    true_mm[: block.own[0]] = true_mm[block.own[1] :] = np.nan
     return true_mm
 
 
-def join_samples(parts: list[Samples]) -> Samples:
+def _join_samples(parts: list[Samples]) -> Samples:
     """Return the samples of all parts; of no part there are none."""
     if not parts:
         return Samples(HOLE_FEATURES, np.empty((0, len(HOLE_FEATURES)), np.float32), np.empty(0), np.empty(0))
     x, y, scale = (np.concatenate([getattr(one, name) for one in parts]) for name in ("x", "y", "scale_mm"))
     return Samples(HOLE_FEATURES, x, y, scale)
-
-
-def _draw(samples: Samples) -> Samples:
-    use = np.random.default_rng(1).permutation(len(samples.y))[:CELLS]
-    return Samples(samples.names, samples.x[use], samples.y[use], samples.scale_mm[use])

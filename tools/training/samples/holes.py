@@ -63,16 +63,27 @@ def sample_frame(
 
 def collect_samples(load: Load, truth_mm: np.ndarray, cell_mm: float) -> Samples:
     """Return samples of hole cells between rims."""
-    hole = ~np.isfinite(load.height_mm)
+    pinhole = load.measured & ~np.isfinite(load.height_mm)
+    return draw_cells(list_samples(load.height_mm, pinhole, load.ray_slope, truth_mm, cell_mm))
+
+
+def list_samples(
+    height_mm: np.ndarray, pinhole: np.ndarray, ray_slope: np.ndarray, truth_mm: np.ndarray, cell_mm: float
+) -> Samples:
+    """Return the samples of all hole cells between rims of a field (Ny, Nx) whose truth is not NaN."""
+    hole = ~np.isfinite(height_mm)
     # the reference computes the features in double
-    inputs = load_kernels("reference").hole_inputs(
-        load.height_mm, load.measured & hole, load.ray_slope, cell_mm
-    )
+    inputs = load_kernels("reference").hole_inputs(height_mm, pinhole, ray_slope, cell_mm)
     usable = np.flatnonzero(np.isfinite(inputs.base) & np.isfinite(truth_mm[hole]))
-    use = np.random.default_rng(1).permutation(usable)[:CELLS]
-    scale = inputs.scale[use]
-    target = (truth_mm[hole] - inputs.base)[use] / scale
-    return Samples(HOLE_FEATURES, inputs.features[:, use].T.astype(np.float32), target, scale)
+    scale = inputs.scale[usable]
+    target = (truth_mm[hole] - inputs.base)[usable] / scale
+    return Samples(HOLE_FEATURES, inputs.features[:, usable].T.astype(np.float32), target, scale)
+
+
+def draw_cells(samples: Samples) -> Samples:
+    """Return `CELLS` of the samples at most."""
+    use = np.random.default_rng(1).permutation(len(samples.y))[:CELLS]
+    return Samples(samples.names, samples.x[use], samples.y[use], samples.scale_mm[use])
 
 
 def resample_truth(truth: Mapping[str, np.ndarray], belt_from_world: Pose, grid: Grid) -> np.ndarray:

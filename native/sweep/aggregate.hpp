@@ -77,7 +77,7 @@ private:
     static constexpr int kCount = kCells<Cell>;
     static constexpr int kWords = kCells<Word>;
     static constexpr int kFewVectors = 4;
-    static constexpr int kAnyVectors = 0;  // their number is not known to the compiler
+    static constexpr int kAnyVectors = 0;           // their number is not known to the compiler
     static constexpr int kLag = 2;                  // what the second of two rows stays behind
     static constexpr int kParts = kCount / kWords;  // 2: even and odd planes, 1: all
     enum Mode { Lead, Forward, Backward };

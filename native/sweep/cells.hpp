@@ -1,5 +1,5 @@
-// Vectors of whole numbers, the cells of a pixel's planes. For the CPU alone; exact, so that every width gives
-// the same result.
+// Vectors of whole numbers, the cells of a pixel's planes. For the CPU alone; exact, so that every width
+// gives the same result.
 #pragma once
 
 #if __has_include(<sys/mman.h>)

@@ -1,4 +1,4 @@
-"""A running plant whose certificate does not hold any more: alarms as the operator, the log and the protocols see them.
+"""A certificate that does not hold any more: alarms of a running plant on page, broker, syslog server and in the log.
 
 The plant runs as `beltscape run` does, with its page, a broker and a syslog server; the operator uses a browser.
 """

@@ -94,7 +94,9 @@ def list_chinese_fonts() -> str:
 def test_a_letter_that_no_font_has_is_named_and_nothing_is_issued(data, tested) -> None:
     pytest.importorskip("weasyprint")
     options = IssueOptions("belt \U0010fffd", "meier", NOW_MS, pdf=True)
-    with pytest.raises(InputError, match=r"--pdf: no font of this machine has \U0010fffd; .*apt install fonts-"):
+    with pytest.raises(
+        InputError, match=r"--pdf: no font of this machine has \U0010fffd; .*apt install fonts-"
+    ):
         issue_certificate(data, tested[1], options)
     assert list_certificates(data) == [] and not list((data / "certificates").glob("*.pdf"))
 

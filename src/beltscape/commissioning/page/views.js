@@ -49,8 +49,14 @@ function show_coach(views) {
   $("views-coach").dataset.tone = views.moved ? "bad" : views.is_enough ? "good" : "";
   set_text(strong, views.moved ? t("commission.views.moved", { camera: views.moved }) : views.is_enough ? t("commission.views.enough") : t(`commission.view.${views.verdict}`, { camera: views.camera }));
   const waits = views.is_scoring ? t("commission.views.scoring") : views.score || views.verdict === "resuming" ? "" : t("commission.views.first");
-  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble ? t("commission.views.trouble") : waits);
+  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble ? t("commission.views.trouble") : describe_unseen(views) || waits);
   sync_children($("views-trouble"), views.trouble ? [views.trouble] : [], (line) => line, (line) => create_element("p", {}, create_program_line(line)), () => {});
+}
+
+/** Return what recorded views lack, once all of them were looked at. */
+function describe_unseen({ unseen, sizes_px, taken }) {
+  if (!unseen.length) return "";
+  return unseen.length > Object.keys(sizes_px).length - 2 && !taken ? t("commission.views.none_seen") : t("commission.views.unseen", { cameras: unseen.join(", ") });
 }
 
 function show_scores({ taken, score, tolerance_mm }) {

@@ -32,7 +32,7 @@ h1 { string-set: title content(); }
   @bottom-right { content: counter(page) " / " counter(pages); font: 8pt sans-serif; color: #555; }
 }
 """
-"""Foot of every page: whose page it is, which one and of how many, as ISO/IEC 17025 (7.8.2.1) wants of certificates."""
+"""Foot of every page: whose page it is, which one and of how many (ISO/IEC 17025, 7.8.2.1, of certificates)."""
 _MOST_NAMED = 8
 """Characters without a font that a line names."""
 

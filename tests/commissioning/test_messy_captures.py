@@ -12,6 +12,7 @@ from beltscape.commissioning import staged_cameras
 from beltscape.commissioning.guided import take_views
 from beltscape.commissioning.live import open_source
 from beltscape.commissioning.runner import StepRun
+from beltscape.commissioning.staged_cameras import CarriedBoard
 from beltscape.commissioning.state import CommissionState
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
@@ -100,6 +101,7 @@ def test_a_capture_none_of_whose_images_can_be_read_ends_with_the_first_of_them(
     for path in (Path(plant.settings.captures) / "calibration").glob("cam*/*.*"):
         path.write_bytes(b"")
     source = open_source(plant)
+    assert isinstance(source, CarriedBoard)
     assert len(source.list_left_out()) == 16
     assert {one.state for one in source.health().values()} == {"lost"}
     run(plant, "cameras")

@@ -183,16 +183,16 @@ def test_an_overdue_certificate_and_every_change_is_named_everywhere_and_clears(
         assert page.locator(f".alarm[data-key='{DUE}']").count() == 0
 
 
-def list_changes(folder: Path) -> list[tuple[Callable[[], Callable[[], None]], str]]:
+def list_changes(folder: Path) -> list[tuple[Callable[[], Callable[[], object]], str]]:
     """Return what may change below a running plant, with what its alarm says; a change returns what undoes it."""
 
-    def rewrite(name: str, make: Callable[[bytes], bytes]) -> Callable[[], Callable[[], None]]:
+    def rewrite(name: str, make: Callable[[bytes], bytes]) -> Callable[[], Callable[[], object]]:
         path = folder / name
 
-        def change() -> Callable[[], None]:
+        def change() -> Callable[[], object]:
             before = path.read_bytes()
             path.write_bytes(make(before))
-            return lambda: path.write_bytes(before) and None
+            return lambda: path.write_bytes(before)
 
         return change
 

@@ -379,13 +379,13 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
                 )
         session.wait_for_score()
         if session.is_exhausted:
-            _judge_recorded_views(state, session, reporter)
+            _report_unseen(state, session, reporter)
     finally:
         live.close()
         session.close()
 
 
-def _judge_recorded_views(state: CommissionState, session: GuidedSession, reporter: Reporter) -> None:
+def _report_unseen(state: CommissionState, session: GuidedSession, reporter: Reporter) -> None:
     """Warn of cameras that see the board in no recorded view; InputError where no two see it at one instant."""
     unseen = session.list_unseen()
     if not session.taken:

@@ -88,13 +88,15 @@ grid (`fast`) 10 graphs and 1. Numbers that differ from frame to frame, such as 
 
 One graph for all of a frame it is not, because the processor decides something in between:
 
-| the processor decides | for that it waits for | why the GPU does not |
-|---|---|---|
-| whether a round of propagation is the last | one number for each round | a graph runs all its launches; where hardly a pixel changes, the rounds after it are spared |
-| where textureless discs are | a mask of bytes | connected regions, and a robust fit in double precision for each of the few; runs beside the selection |
-| how long three lists of uncertain pixels are | one number each | they are sizes of arrays; at their bound, all pixels of the image, every list would take memory for as many |
-| the excess of correlated noise | sums of some 500 tiles | groups by quantiles in double precision, of few numbers |
-| the planes of a sweep over a wide range | two numbers | the number of planes is a size of arrays; only where more than 96 planes would be swept |
+- **Whether a round of propagation is the last**, by one number. A graph runs all its launches; where hardly a pixel
+  changes, the rounds after it are spared.
+- **Where textureless discs are**, from a mask of bytes: connected regions, and a robust fit in double precision for
+  each of the few. It runs beside the selection of candidates.
+- **How long three lists of uncertain pixels are**, by one number each. They are sizes of arrays; at their bound, all
+  pixels of the image, every list would take memory for as many.
+- **The excess of correlated noise**, from the sums of some 500 tiles: groups by quantiles in double precision.
+- **The planes of a sweep over a wide range**, by two numbers: their number is a size of arrays. Only where more than
+  96 planes would be swept.
 
 Between two decisions stand one or two graphs on each grid; the image features and the search for discs have a graph of
 their own because they run beside the rest. Lists are lengthened by at most an eighth, so that frames with nearly as

@@ -87,7 +87,9 @@ def test_numbers_of_a_plane_stay_on_the_device_and_are_used_there():
     kernels, backend = resident()
     values = plane(3, 20, 30)
     kept = kernels.keep(values)
-    middle = find_statistics_kernels(kept).find_quantile([kept], 0.5)
+    on_device = find_statistics_kernels(kept)
+    assert on_device is not None
+    middle = on_device.find_quantile([kept], 0.5)
     above = np.where(kept > middle * 2, kept, np.float32(0))
     assert isinstance(above, ResidentArray)
     assert backend.traffic.downloads == 0

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
-from beltscape.kernels.planes import blur
+from beltscape.kernels.planes import blur, to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.parallel import run_parallel
 
@@ -138,6 +138,8 @@ def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -
     edges = _filter(level, _LAPLACIAN)
     rough = compute_local_mean(np.abs(edges, out=edges)) * np.float32(np.sqrt(np.pi / 2) / 6)
     rough *= rough
+    if find_statistics_kernels(level):
+        noise = to_single(noise)
     ratio = texture / rough.clip(noise / _BRIGHTEST, noise * _BRIGHTEST, out=rough)
     return ratio.astype(np.float32, copy=False)
 

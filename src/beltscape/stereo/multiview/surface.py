@@ -95,7 +95,8 @@ def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
     if find_plane_kernels(surface.s):
         planes = surface.s, surface.slope_u, surface.slope_v
         s, slope_u, slope_v = (enlarge_blocks(plane, step, (height * step, width * step)) for plane in planes)
-        return s + slope_u * np.tile(offsets, width) + slope_v * np.tile(offsets, height)[:, None]
+        du, dv = np.tile(offsets, width), np.tile(offsets, height)
+        return cast("NDArray[np.float32]", s + slope_u * du + slope_v * dv[:, None])
     fine = np.empty((height * step, width * step), np.float32)
     for column, du in enumerate(offsets):
         s_at_column = surface.s + surface.slope_u * du

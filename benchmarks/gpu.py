@@ -95,12 +95,12 @@ One graph for all of a frame it is not, because the processor decides something 
 - **How long three lists of uncertain pixels are**, by one number each. They are sizes of arrays; at their bound, all
   pixels of the image, every list would take memory for as many.
 - **The excess of correlated noise**, from the sums of some 500 tiles: groups by quantiles in double precision.
-- **The planes of a sweep over a wide range**, by two numbers: their number is a size of arrays. Only where more than
-  96 planes would be swept.
+- **The planes of a sweep over a wide range**, from coarse matches: their number is a size of arrays. Only where more
+  than 96 planes would be swept.
 
-Between two decisions stand one or two graphs on each grid; the image features and the search for discs have a graph of
-their own because they run beside the rest. Lists are lengthened by at most an eighth, so that frames with nearly as
-many uncertain pixels run the same graphs; another length is recorded once.
+Between two decisions stand one or two graphs on each grid; the image features and the search for discs have a graph
+of their own because they run beside the rest. Lists are lengthened by at most an eighth, so that frames with nearly
+as many uncertain pixels run the same graphs; another length is recorded once.
 
 Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1300
 bytes a pixel instead of 750 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is

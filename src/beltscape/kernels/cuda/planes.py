@@ -1,4 +1,4 @@
-"""Plans of launches of expressions, windows over planes and statistics: expression.cuh, planes.cuh, statistics.cuh."""
+"""Plans of launches of expressions, windows over planes and their statistics: the headers of these names."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class ShapeSettings(BaseModel):
     roughness: Annotated[float, Field(ge=0, le=0.2)] = 0.05
     """Standard deviation of the surface from the flat faces, as a share of the radius."""
     corners: tuple[Annotated[int, Field(ge=6)], Annotated[int, Field(le=100)]] = (13, 25)
-    """Least and greatest number of points of which a broken rock is the hull: few give large faces and sharp edges."""
+    """Least and greatest number of points of which a broken rock is the hull: few give large faces, sharp edges."""
     lean_deg: Annotated[float, Field(ge=0, le=90)] = 25.0
     """Standard deviation of a rock's inclination to its flat side."""
     pressed: Annotated[float, Field(ge=0, le=1)] = 0.0

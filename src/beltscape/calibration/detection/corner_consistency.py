@@ -195,12 +195,13 @@ def _fit_planes(design: Array, values: Array, min_scale: float) -> tuple[Array, 
 
     And the median distance (b,) of the values from their plane.
     """
+    found, off = np.zeros((len(design), 3, 2)), np.zeros(values.shape[:2])
     weights = np.ones(values.shape[:2])
     for _ in range(ROUNDS):
         weighted = design * weights[..., None]
         normal = weighted.transpose(0, 2, 1) @ design
         normal += weights.sum(axis=1)[:, None, None] * np.diag([0.0, SLOPE_DAMPING, SLOPE_DAMPING])
-        found: Array = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ values)
+        found = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ values)
         off = np.linalg.norm(values - design @ found, axis=2)
         scale = np.maximum(np.median(off, axis=1, keepdims=True), min_scale)
         weights = 1 / (1 + (off / scale) ** 2)

@@ -78,7 +78,7 @@ ROWS = (
     ),
     Row(
         "without refinement and messages",
-        patched=lambda: patch.object(estimate, "refine_uncertain_pixels", lambda found, _: found),
+        patched=lambda: patch.object(estimate, "refine_uncertain_pixels", lambda found, *_: found),
     ),
     Row("refinement of every pixel", patched=_refine_everywhere),
     Row(

@@ -65,6 +65,11 @@ class MovingHeap:
     """Depth to which a rock sinks into the fines, as a share of its height."""
     candidates: int = 6
     """Places tried for each rock, which takes the lowest: with one place rocks lie loosely, over deep hollows."""
+    rolling: float = 0.0
+    """1: rocks roll to the flanks; see `HeapSettings`."""
+    corners: tuple[int, int] = (13, 25)
+    """Least and greatest number of a rock's corners: few make large faces and sharp edges."""
+    roughness: float = 0.05
 
     def make_scenario(self, kind: str) -> Scenario:
         """Return the scene, of the moving heap or of the empty belt."""
@@ -82,6 +87,8 @@ class MovingHeap:
             },
             "heap": {
                 "rocks": self.rocks, "bedding": self.bedding, "candidates": self.candidates,
+                "rolling": self.rolling,
+                "shapes": {"corners": self.corners, "roughness": self.roughness},
                 "fines": {"crown_mm": self.crown_mm, "along_mm": (-330, 330)},
                 "sizes": {"smallest_mm": smallest, "largest_mm": largest, "median_mm": median},
             },
@@ -100,6 +107,20 @@ HEAPS = {
     "S2": MovingHeap(31, 4, (10, 80, 18), 80, first_deg=45, rocks=1000),
     "L1": MovingHeap(
         12, 4, (10, 80, 18), 60, first_deg=45, frames_per_s=6, rocks=2500, bedding=0.0, candidates=1
+    ),
+    "A1": MovingHeap(41, 4, (10, 79, 50), 80, candidates=2, rolling=1.0, corners=(7, 12), roughness=0.0),
+    "A2": MovingHeap(
+        42,
+        3,
+        (10, 60, 30),
+        90,
+        first_deg=45,
+        rocks=1300,
+        bedding=0.0,
+        candidates=1,
+        rolling=0.5,
+        corners=(8, 14),
+        roughness=0.0,
     ),
 }
 

@@ -82,15 +82,25 @@ stay on the GPU from frame to frame.
 _GRAPHS = """
 ## Graphs
 
-Where the launches of a frame do not depend on what is in its images, they are recorded at the first frame of a size
-and then run as graphs. Emulated, the 1030 launches of five images of 160 × 128 px (`standard`) are 15 graphs and 76
-launches, the 371 of three images of 48 × 36 px (`fast`) 7 graphs and 32; images of two grids have 2 or 3 graphs more.
-Numbers that differ from frame to frame, such as the noise, are read from the GPU's memory.
+A frame's launches are recorded at the first frame of a size and then run as graphs, nearly all of them. Emulated, the
+1167 launches of three images of 48 × 36 px on two grids (`standard`) are 18 graphs and 5 launches, the 549 on one
+grid (`fast`) 10 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
 
-One graph for all of a frame it is not, because the processor decides something in between: the sizes of the sweep's
-aligned images, the noise from some bands of rows, whether a round changed hardly a pixel, the photometric gains, the
-textureless discs, and the lengths of three lists of uncertain pixels. Lists are lengthened by at most an eighth, so
-that frames with nearly as many uncertain pixels run the same graphs; another length is recorded once.
+One graph for all of a frame it is not, because the processor decides something in between:
+
+- **Whether a round of propagation is the last**, by one number. A graph runs all its launches; where hardly a pixel
+  changes, the rounds after it are spared.
+- **Where textureless discs are**, from a mask of bytes: connected regions, and a robust fit in double precision for
+  each of the few. It runs beside the selection of candidates.
+- **How long three lists of uncertain pixels are**, by one number each. They are sizes of arrays; at their bound, all
+  pixels of the image, every list would take memory for as many.
+- **The excess of correlated noise**, from the sums of some 500 tiles: groups by quantiles in double precision.
+- **The planes of a sweep over a wide range**, from coarse matches: their number is a size of arrays. Only where more
+  than 96 planes would be swept.
+
+Between two decisions stand one or two graphs on each grid; the image features and the search for discs have a graph
+of their own because they run beside the rest. Lists are lengthened by at most an eighth, so that frames with nearly
+as many uncertain pixels run the same graphs; another length is recorded once.
 
 Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1300
 bytes a pixel instead of 750 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is

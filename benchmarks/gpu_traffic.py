@@ -81,7 +81,7 @@ class CountingBackend:
         work.bytes += count_bytes(record, len(record.u) if hasattr(record, "u") else None)
         work.bytes += count_bytes(list(results))
         work.operations += OPERATIONS[kernel](record, results)
-        held = (_Held(np.ascontiguousarray(array)) for array in results)
+        held = (_Held(np.asarray(array, order="C")) for array in results)
         return [cast("NDArray[Any]", ResidentArray.from_device(each, self)) for each in held]
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:

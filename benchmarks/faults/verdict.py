@@ -160,4 +160,6 @@ def _describe_published(played: Played, comparison: Comparison, since: np.ndarra
 def _describe(total: Selection) -> str:
     litres = (total.volume_mm3 - total.true_mm3) * 1e-6
     times = abs(litres) * 1e6 / total.sigma_mm3 if total.sigma_mm3 > 0 else math.inf if litres else 0.0
-    return f"{litres:+.2f} l ({100 * total.relative_error:+.1f} %), {times:.1f} σ"
+    # where next to nothing passed, a share of it says nothing
+    share = f" ({100 * total.relative_error:+.1f} %)" if abs(total.relative_error) <= 1 else ""
+    return f"{litres:+.2f} l{share}, {times:.1f} σ"

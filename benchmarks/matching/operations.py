@@ -164,6 +164,16 @@ def _count_means(given: Any, out: Sequence[Any]) -> float:
     return out[0].size * _TWO_SUM * sum(given.size)
 
 
+def _count_filter(given: Any, out: Sequence[Any]) -> float:
+    return 2.0 * out[0].size * given.weights.size
+
+
+def _count_quantile(given: Any, out: Sequence[Any]) -> float:
+    # statistics.cuh: the count, and eight digits of two values: the comparison above the digit, the digit's count
+    del out
+    return sum(each.size for each in given.arrays) * (2.0 + 2 * 8 * 2)
+
+
 def _count_extremes(given: Any, out: Sequence[Any]) -> float:
     return out[0].size * sum(given.size)
 
@@ -207,6 +217,9 @@ OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "find_extremes": _count_extremes,
     "median_of_windows": _count_each(_MEDIAN),
     "measure_distances": _count_each(_SEARCHED),
+    "filter_plane": _count_filter,
+    "find_quantile": _count_quantile,
+    "average_plane": _count_plane,
     "average_areas": _count_plane,
     "average_blocks": _count_plane,
     "repeat_blocks": _count_each(1),

@@ -10,5 +10,6 @@
 #include "cuda/planes.cuh"
 #include "cuda/propagate.cuh"
 #include "cuda/selection.cuh"
+#include "cuda/statistics.cuh"
 #include "cuda/sweep.cuh"
 #include "cuda/visibility.cuh"

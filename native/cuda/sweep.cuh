@@ -113,8 +113,8 @@ __device__ inline void insert_least(float* least, int best, float value) {
 // on.
 extern "C" __global__ void sweep_planes(const float* core, int width, int height, const float* level,
                                         const float* pixels, const int* aligned, const float* places,
-                                        int view_count, int planes, float floor, int best, int first_row,
-                                        int rows, unsigned char* out) {
+                                        int view_count, int planes, const float* floor, int best,
+                                        int first_row, int rows, unsigned char* out) {
     BELTSCAPE_SHARED(float, halo, 2 * kHaloWidth * kHaloHeight);
     BELTSCAPE_SHARED(unsigned char, costs, kTileThreads* kCostStride);
     const int own = static_cast<int>(threadIdx.y * kTileWidth + threadIdx.x);
@@ -134,7 +134,7 @@ extern "C" __global__ void sweep_planes(const float* core, int width, int height
         sum = i ? sum + (a + b + c) : a + b + c;
         squares = i ? squares + three_products(a, b, c, a, b, c) : three_products(a, b, c, a, b, c);
     }
-    const CoreWindow<float> own_window = core_window(sum, squares, floor);
+    const CoreWindow<float> own_window = core_window(sum, squares, *floor);
 
     int turn = 0;  // which of the two halos is filled while slower threads still read the other one
     for (int first = 0; first < planes; first += kPlanesAtOnce) {
@@ -151,7 +151,7 @@ extern "C" __global__ void sweep_planes(const float* core, int width, int height
                         sampled_level(image, place, pixels, column(i % kHaloWidth), row(i / kHaloWidth));
                 __syncthreads();
                 const float* const corner = samples + threadIdx.y * kHaloWidth + threadIdx.x;
-                insert_least(least, best, dissimilarity(window_of(corner, window), own_window, floor));
+                insert_least(least, best, dissimilarity(window_of(corner, window), own_window, *floor));
             }
             float total = least[0];
             for (int i = 1; i < kMostBest; ++i)

@@ -98,6 +98,12 @@ T* dynamic_shared() {
     return reinterpret_cast<T*>(emulation::current_block->dynamic_shared());
 }
 
+inline float __uint_as_float(unsigned bits) {
+    float value;
+    std::memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
 inline void __syncthreads(const emulation::Location& where = emulation::Location::current()) {
     emulation::current_block->wait_for_all(where);
 }

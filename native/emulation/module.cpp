@@ -121,4 +121,6 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(begin_addresses);
     BELTSCAPE_KERNEL(number_pixels);
     BELTSCAPE_KERNEL(pick_best);
+    BELTSCAPE_KERNEL(filter_plane);
+    BELTSCAPE_KERNEL(find_quantile);
 }

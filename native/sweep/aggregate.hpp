@@ -62,13 +62,14 @@ public:
         const std::size_t sums =
             static_cast<std::size_t>(vectors_) * kCount * width_ * (band.keep_last - band.keep_first);
         if (sums > sums_size_) sums_ = CellBuffer<Word>(sums), sums_size_ = sums;
-        begin_pass();
-        run<Lead>(band, {0, band.keep_first, false});
-        run<Forward>(band, {band.keep_first, band.keep_last, false});
-        begin_pass();
-        const int below = band.rows - band.keep_last;
-        run<Lead>(band, {0, below, true});
-        run<Backward>(band, {below, band.rows - band.keep_first, true}, index, margin);
+        if (vectors_ == 1)
+            run_passes<1>(band, index, margin);
+        else if (vectors_ == 2)
+            run_passes<2>(band, index, margin);
+        else if (vectors_ == 3)
+            run_passes<3>(band, index, margin);
+        else
+            run_passes<kAnyVectors>(band, index, margin);
     }
 
 private:
@@ -76,6 +77,7 @@ private:
     static constexpr int kCount = kCells<Cell>;
     static constexpr int kWords = kCells<Word>;
     static constexpr int kFewVectors = 4;
+    static constexpr int kAnyVectors = 0;           // their number is not known to the compiler
     static constexpr int kLag = 2;                  // what the second of two rows stays behind
     static constexpr int kParts = kCount / kWords;  // 2: even and odd planes, 1: all
     enum Mode { Lead, Forward, Backward };
@@ -139,31 +141,48 @@ private:
         return line;
     }
 
+    // The loops are compiled for one to three vectors to a pixel, which saves a fifth of their time.
+    template <int fixed>
+    int vectors() const {
+        return fixed == kAnyVectors ? vectors_ : fixed;
+    }
+
+    template <int fixed>
+    void run_passes(const CostBand& band, float* index, float* margin) {
+        begin_pass();
+        run<Lead, fixed>(band, {0, band.keep_first, false});
+        run<Forward, fixed>(band, {band.keep_first, band.keep_last, false});
+        begin_pass();
+        const int below = band.rows - band.keep_last;
+        run<Lead, fixed>(band, {0, below, true});
+        run<Backward, fixed>(band, {below, band.rows - band.keep_first, true}, index, margin);
+    }
+
     // Processes two rows at a time where a pixel has few vectors, because a path along one row is then
     // limited by latency.
-    template <Mode mode>
+    template <Mode mode, int fixed>
     void run(const CostBand& band, const Rows& rows, float* index = nullptr, float* margin = nullptr) {
-        const int at_once = vectors_ <= kFewVectors ? 2 : 1;
+        const int at_once = vectors<fixed>() <= kFewVectors ? 2 : 1;
         for (int y = rows.first; y < rows.last; y += at_once) {
             const bool two = y + at_once <= rows.last && at_once == 2;
             Line one = line(band, y, rows.turned, 0), other = one;
             for (int t = 0; t < width_ + (two ? kLag : 0); ++t) {
                 if (t == kLag && two) other = line(band, y + 1, rows.turned, 1);
-                if (t < width_) advance<mode>(band, one, index, margin);
-                if (t >= kLag && two) advance<mode>(band, other, index, margin);
+                if (t < width_) advance<mode, fixed>(band, one, index, margin);
+                if (t >= kLag && two) advance<mode, fixed>(band, other, index, margin);
             }
         }
     }
 
-    template <Mode mode>
+    template <Mode mode, int fixed>
     void advance(const CostBand& band, Line& line, float* index, float* margin) {
         if (line.x == width_ - 1) begin(path(Rising, line.rising));
         const Path paths[kPaths] = {line.along, path(Above, line.x), path(Falling, line.falling),
                                     path(Rising, line.rising)};
         const std::size_t kept = line.at - static_cast<std::size_t>(band.keep_first) * width_;
-        Word* const sums = mode == Lead ? nullptr : sums_.data() + kept * (vectors_ * kCount);
-        pixel<mode>(cost_of(band, line.at), paths, sums);
-        if constexpr (mode == Backward) decide(index + kept, margin + kept);
+        Word* const sums = mode == Lead ? nullptr : sums_.data() + kept * (vectors<fixed>() * kCount);
+        pixel<mode, fixed>(cost_of(band, line.at), paths, sums);
+        if constexpr (mode == Backward) decide<fixed>(index + kept, margin + kept);
         ++line.x, line.at += static_cast<std::size_t>(line.step);
         line.falling = line.falling + 1 == around_ ? 0 : line.falling + 1;
         line.rising = line.rising + 1 == around_ ? 0 : line.rising + 1;
@@ -183,14 +202,15 @@ private:
     }
 
     // Advances all paths by one pixel: `paths` hold the previous pixel, then this one.
-    template <Mode mode>
+    template <Mode mode, int fixed>
     void pixel(const std::uint8_t* cost, const Path (&paths)[kPaths], Word* sums) {
         V left[kPaths], before[kPaths], limit[kPaths], least[kPaths], step[kPaths];
         for (int p = 0; p < kPaths; ++p) {
             left[p] = load_cells<V>(paths[p].slot - 1);
             before[p] = V{} + *paths[p].least, limit[p] = before[p] + large_, least[p] = V{} + guard_;
         }
-        for (int i = 0; i < vectors_; ++i) {
+        const int count = vectors<fixed>();
+        for (int i = 0; i < count; ++i) {
             const V here = load_cost(cost + i * kCount);
             for (int p = 0; p < kPaths; ++p) {
                 Cell* const cells = paths[p].slot + i * kCount;
@@ -198,7 +218,7 @@ private:
                 left[p] = load_cells<V>(cells + kCount - 1);  // before it is overwritten
                 step[p] = least_cells(least_cells(load_cells<V>(cells), nearest), limit[p]) - before[p];
                 V now = step[p] + here;
-                if (i == vectors_ - 1) now = now > pad_ ? now : pad_;
+                if (i == count - 1) now = now > pad_ ? now : pad_;
                 store_cells(cells, now);
                 least[p] = least_cells(least[p], now);
             }
@@ -235,8 +255,9 @@ private:
 
     // Finds the plane of the least total, interpolated by two lines of equal slope, and the margin to the
     // next other plane.
+    template <int fixed>
     void decide(float* index, float* margin) const {
-        const int words = vectors_ * kCount;
+        const int words = vectors<fixed>() * kCount;
         const Words16 none = Words16{} + 65535;
         Words16 least = none;
         for (int i = 0; i < words; i += kWords) least = least_cells(least, total(i));

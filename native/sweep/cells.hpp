@@ -1,5 +1,5 @@
-// Vectors of whole numbers as wide as the level's registers: the cells of a pixel's planes. For the CPU
-// alone; exact, so that every width gives the same result.
+// Vectors of whole numbers, the cells of a pixel's planes. For the CPU alone; exact, so that every width
+// gives the same result.
 #pragma once
 
 #if __has_include(<sys/mman.h>)
@@ -14,7 +14,11 @@
 
 namespace beltscape {
 
-template <class Cell, int bytes = kVectorBytes>
+// At most 32 bytes: half of the loads of neighbouring planes cross no cache line then, as each of 64 bytes
+// does. On an EPYC with AVX-512 an aggregation takes 0.7 to 0.9 of its time with 64 bytes.
+inline constexpr int kCellBytes = kVectorBytes < 32 ? kVectorBytes : 32;
+
+template <class Cell, int bytes = kCellBytes>
 struct CellVector {
     typedef Cell Type __attribute__((vector_size(bytes)));
     static constexpr int count = bytes / static_cast<int>(sizeof(Cell));
@@ -56,7 +60,7 @@ inline Cell least_within(V cells) {
             least_cells(cells, shifted<left / 2>(cells, LanesTo<16 / sizeof(Cell)>())));
 }
 
-template <class Cell, int bytes = kVectorBytes, class V>
+template <class Cell, int bytes = kCellBytes, class V>
 inline Cell least_cell(V cells) {
     if constexpr (bytes == 16) {
         return least_within<Cell, 16 / sizeof(Cell)>(cells);

@@ -148,7 +148,7 @@ def run_and_cancel(hand: Keyboard, plant: ServedPlant) -> None:
         hand.page.keyboard.press("Enter")
     hand.page.wait_for_selector('#steps li[data-key="board"]:not([data-status="running"])')
     if plant.get_status("board") != "done":
-        assert hand.page.inner_text("#step-problem") == "cancelled"
+        assert hand.page.inner_text("#step-problem") == TEXTS["commission.cancelled"]
         hand.press("#do-run")
         hand.wait_for_step("board", "done")
 

@@ -236,6 +236,19 @@ def take_views_twice(hand: Keyboard, served: ServedPlant) -> None:
     served.start()
     hand.page.wait_for_selector("body[data-link=live]")
     hand.press("#views-start")
-    wait(lambda: (served.read()["views"] or {}).get("is_enough"), "the views are enough")
+    wait_until_enough(served)
     assert served.read()["views"]["taken"] >= taken
     cut_network(hand)
+
+
+def wait_until_enough(served: ServedPlant) -> None:
+    """Wait for enough views as long as views and scores come, however slow the machine is."""
+
+    def read() -> tuple[object, ...]:
+        views = served.read()["views"] or {}
+        return tuple(views.get(key) for key in ("is_enough", "taken", "is_scoring", "trouble"))
+
+    before = read()
+    while not before[0]:
+        wait(lambda seen=before: read() != seen, f"a view is taken, or a score begins or ends: {before}")
+        before = read()

@@ -151,6 +151,41 @@ def test_every_finished_step_shows_what_it_found(tmp_path: Path) -> None:
         assert [one for one in desk.errors if "409 (Conflict)" not in one] == []
 
 
+@pytest.mark.browser
+@needs_chromium
+def test_a_failure_has_a_sentence_in_each_language_before_the_line_of_the_program(tmp_path: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    state = CommissionState(tmp_path / "plant")
+    state.change_settings({"source": "captures", "captures": "nowhere"})
+    with open_commission(state, 0, "en") as (server, _, access), sync_playwright() as playwright:
+        access.accounts.add("eva", "engineer", PASSWORD)
+        desk = Desk(playwright, server.address, access.sessions.open(User("eva", "engineer"), ""))
+        page = desk.open("/#cameras")
+        page.click("#do-run")
+        page.wait_for_selector('#steps li[data-key="cameras"][data-status="failed"]')
+        for language in ("en", "de", "es", "zh"):
+            page.select_option("#language", language)
+            check_problem(page, language, "failed.cameras", "nowhere/calibration")
+        page.check('input[name="source"][value="cameras"]')
+        page.fill('input[name="frames_per_s"]', "-1")
+        page.click("#do-run")
+        check_problem(page, language, "refused.settings", "frames_per_s = -1")
+        page.wait_for_timeout(1500)  # the state was read again meanwhile, with the earlier failure
+        check_problem(page, language, "refused.settings", "frames_per_s = -1")
+        desk.browser.close()
+        assert [one for one in desk.errors if "409 (Conflict)" not in one] == []
+
+
+def check_problem(page, language: str, key: str, line: str) -> None:
+    """A sentence in the page's language, then the program's line, which a screen reader reads as English."""
+    sentence = read_texts(language)[f"commission.{key}"]
+    page.locator("#step-problem > span:first-child", has_text=sentence).wait_for()
+    program = page.locator("#step-problem .program")
+    assert program.inner_text().startswith(read_texts(language)["commission.program"])
+    assert line in program.locator("[lang=en]").inner_text()
+
+
 def check_narrow(desk: Desk) -> None:
     """No step is wider than a phone, in the language with the longest words."""
     for step in STEPS:

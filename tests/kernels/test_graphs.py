@@ -169,7 +169,7 @@ def reconstruct(frames, kernels: Kernels, number: int, preset: str = "fast"):
     return matcher.reconstruct(sets[number], Silent())
 
 
-@pytest.mark.parametrize(("preset", "graphs", "most_outside"), [("fast", 9, 0.15), ("standard", 18, 0.15)])
+@pytest.mark.parametrize(("preset", "graphs", "most_outside"), [("fast", 10, 0.01), ("standard", 18, 0.01)])
 def test_a_second_frame_goes_through_the_graphs_of_the_first(
     frames, preset, graphs, most_outside, monkeypatch
 ):

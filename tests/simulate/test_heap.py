@@ -188,6 +188,14 @@ def test_heap_depends_on_the_seed_only(heap):
     np.testing.assert_array_equal(heap.fines.height_mm, one.fines.height_mm)
 
 
+def test_rolling_rocks_gather_at_the_flanks():
+    lying, rolled = (
+        np.abs(make_heap(SETTINGS.model_copy(update={"rolling": rolling}), BELT).rocks.center_mm[:, 0])
+        for rolling in (0.0, 1.0)
+    )
+    assert rolled.mean() > 1.2 * lying.mean()
+
+
 def test_heap_may_consist_of_rocks_or_fines_alone():
     bare = FinesSettings(crown_mm=0, waves_mm=0, grain_mm=0)
     rocks = make_heap(SETTINGS.model_copy(update={"rocks": 20, "fines": bare}), BELT)

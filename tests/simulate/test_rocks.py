@@ -67,6 +67,7 @@ def test_sizes_in_the_wrong_order_are_refused():
         flattest=st.floats(0.3, 1),
         roughness=st.floats(0, 0.15),
         lean_deg=st.floats(0, 90),
+        corners=st.tuples(st.integers(6, 12), st.integers(12, 30)),
     ),
 )
 def test_rock_is_closed_about_its_centroid_and_has_its_size(seed, size, shape):
@@ -91,6 +92,16 @@ def test_rock_without_inclination_lies_on_its_flat_side():
     )
     assert np.median(extents[:, 2]) < 30 < np.median(extents[:, :2])
     assert (extents[:, 2] < 1.05 * extents[:, :2].min(axis=1)).mean() > 0.8
+
+
+def test_few_corners_make_few_large_faces():
+    few, many = (
+        make_rock(20.0, ShapeSettings(corners=corners, roughness=0), np.random.default_rng(1)).mesh
+        for corners in ((8, 8), (60, 60))
+    )
+    assert len(np.unique(few.vertices_mm, axis=0)) < len(np.unique(many.vertices_mm, axis=0)) / 4
+    with pytest.raises(ValidationError, match="must not exceed"):
+        ShapeSettings(corners=(12, 8))
 
 
 @pytest.mark.parametrize("mesh", [make_box([3, 4, 5]), make_cylinder(2.0, 5.0)])

@@ -233,7 +233,8 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(
     holes = load("holes")
     monkeypatch.setattr(holes, "SCHEDULE", dataclasses.replace(holes.SCHEDULE, epochs=3, batch=256))
     copy = shutil.copytree(heap, tmp_path / "heap")
-    training = main.Training(tmp_path, [capture], [copy], Silent())
+    monkeypatch.setattr("beltscape.workers.tasks.run_in_pool", run_backwards)
+    training = main.Training(tmp_path, [capture], [copy], Silent(), WorkerOptions(2))
     trained = {name: network for _, train in main.list_recipes(training) for name, network in train().items()}
     assert trained.keys() == PURPOSES.keys()
     for name, network in trained.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,11 @@ SCHEDULES = {
 
 def collect_pixels(name: str, captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
     """Return the samples of pixels for a network."""
+    return cache.collect(name, captures, partial(_draw_pixels, name))
 
-    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
-        return _stack(list(draw_pixel_samples(folder, turn, name)))
 
-    return cache.collect(name, captures, draw)
+def _draw_pixels(name: str, folder: Path, turn: int) -> dict[str, np.ndarray]:
+    return _stack(list(draw_pixel_samples(folder, turn, name)))
 
 
 def collect_candidates(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:

@@ -36,7 +36,7 @@ SURFACES = 40
 
 def collect_holes(captures: list[Path], heaps: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
     """Return the samples of hole cells: of the captures, and of moving heaps, of a frame and of all frames fused."""
-    frames = cache.collect("holes", captures[:CAPTURES], lambda capture, _: _draw(capture))
+    frames = cache.collect("holes", captures[:CAPTURES], _draw)
     fused = cache.collect("heap_holes", heaps, _draw_heap)
     return {
         key: frames[key] if key == "names" else np.concatenate([frames[key], fused[key]]) for key in frames
@@ -67,7 +67,7 @@ def _draw_simulated() -> Iterator[dict[str, np.ndarray]]:
             yield _as_arrays(collect_samples(load, truth, 1.0))
 
 
-def _draw(capture: Path) -> dict[str, np.ndarray]:
+def _draw(capture: Path, _turn: int) -> dict[str, np.ndarray]:
     if not next((capture / "truth").glob("*_load.npz"), None):
         return {}
     depth = reconstruct_capture(capture)

@@ -31,7 +31,7 @@ _TRUE_SIGMA_MM = 0.01
 
 def collect_lumps(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
     """Return the samples of cells with their outlines and lumps."""
-    return cache.collect("lumps", captures, lambda folder, _: _draw(folder))
+    return cache.collect("lumps", captures, _draw)
 
 
 def train_lumps(captures: list[Path], cache: SampleCache) -> Network:
@@ -71,7 +71,7 @@ def _draw_packing(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return features[drawn], target[drawn]
 
 
-def _draw(capture: Path) -> dict[str, np.ndarray]:
+def _draw(capture: Path, _turn: int) -> dict[str, np.ndarray]:
     path = next((capture / "truth").glob("*_depth.npz"))
     if path.stem == "module_depth":
         return {}  # its steps are neither lumps nor ground

@@ -1,8 +1,16 @@
 from collections.abc import Callable, Sequence
+from typing import Any
 
 class CSS:
     def __init__(self, *, string: str) -> None: ...
 
+class Page:
+    _page_box: Any
+
+class Document:
+    pages: Sequence[Page]
+    def write_pdf(self) -> bytes: ...
+
 class HTML:
     def __init__(self, *, string: str, url_fetcher: Callable[..., object] = ...) -> None: ...
-    def write_pdf(self, *, stylesheets: Sequence[CSS] = ...) -> bytes: ...
+    def render(self, *, stylesheets: Sequence[CSS] = ...) -> Document: ...

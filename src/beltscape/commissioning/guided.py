@@ -23,7 +23,7 @@ from beltscape.calibration.detection.corners import Corners
 from beltscape.commissioning.live import LiveView, encode_jpeg, open_source
 from beltscape.commissioning.staged_cameras import StagedCameras
 from beltscape.commissioning.state import CommissionState
-from beltscape.commissioning.steps import BOARD, RIG, VIEWS, list_commands
+from beltscape.commissioning.steps import BOARD, RIG, VIEWS, find_capture, list_commands
 from beltscape.core.arrays import Array
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.frames import FrameSet
@@ -70,6 +70,7 @@ class GuidedSession:
         self._selector = ViewSelector(self._board)
         self._sizes: dict[str, tuple[int, int]] = {}
         self._corners_px: dict[str, list[Array]] = {}
+        self._seeing: set[str] = set()
         self._now: Mapping[str, Corners] = {}
         self._assessment = ViewAssessment("no_board")
         self._frames: FrameSet | None = None
@@ -113,6 +114,16 @@ class GuidedSession:
     def trouble(self) -> str:
         """Why the newest score failed, in one line; empty: it did not."""
         return self._trouble
+
+    @property
+    def is_exhausted(self) -> bool:
+        """True when recorded views stand for cameras, and all of them were looked at."""
+        source = self._live.source
+        return isinstance(source, StagedCameras) and source.is_exhausted
+
+    def list_unseen(self) -> list[str]:
+        """Return the cameras that have not seen the board yet, neither now nor in the views that were taken."""
+        return [name for name in self._live.cameras if name not in self._seeing | self._corners_px.keys()]
 
     @property
     def is_scoring(self) -> bool:
@@ -208,6 +219,7 @@ class GuidedSession:
             if assessment.verdict == "taken":
                 self._is_forced = False
                 self._take(frames, corners)
+            self._seeing.update(corners)
             self._now, self._assessment, self._frames = corners, assessment, frames
         if isinstance(source := self._live.source, StagedCameras):
             source.follow(self._draw_ghost())
@@ -307,6 +319,7 @@ class GuidedSession:
             "trouble": self._trouble,
             "is_scoring": self.is_scoring,
             "is_enough": self.is_enough,
+            "unseen": self.list_unseen() if self.is_exhausted else [],
             "tolerance_mm": self._state.settings.tolerance_mm,
             "score": None if verdict is None else _describe_verdict(verdict),
             "cells": paint_coverage(sizes, corners_px, verdict),
@@ -346,9 +359,7 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
         live.open()
         if live.trouble:
             raise InputError(live.trouble)
-        while not session.is_enough and not (
-            isinstance(live.source, StagedCameras) and live.source.is_exhausted
-        ):
+        while not session.is_enough and not session.is_exhausted:
             session.collect_score()
             lost = {one.name: one.message for one in live.list_faults() if one.state == "lost"}
             for name in lost.keys() - named:
@@ -367,9 +378,25 @@ def take_views(state: CommissionState, reporter: Reporter) -> None:
                     "the views anew"
                 )
         session.wait_for_score()
+        if session.is_exhausted:
+            _report_unseen(state, session, reporter)
     finally:
         live.close()
         session.close()
+
+
+def _report_unseen(state: CommissionState, session: GuidedSession, reporter: Reporter) -> None:
+    """Warn of cameras that see the board in no recorded view; InputError where no two see it at one instant."""
+    unseen = session.list_unseen()
+    if not session.taken:
+        folder = state.folder / find_capture(state.settings, VIEWS)
+        lacking = f" ({', '.join(unseen)}: nowhere)" if unseen else ""
+        raise InputError(
+            f"{folder}: no two cameras see the board of {BOARD} at one instant{lacking}; give the board that was "
+            "used (board.file, or board.squares, its sizes and dictionary) and make it again, or record other views"
+        )
+    for name in unseen:
+        reporter.warn(f"{name}: sees the board in no recorded view; record some, or leave its folder out")
 
 
 def _describe_silence(live: LiveView) -> str:

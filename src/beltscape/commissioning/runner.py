@@ -19,6 +19,7 @@ from beltscape.commissioning import material, project_text, trial
 from beltscape.commissioning.former import list_former, set_former_aside
 from beltscape.commissioning.live import collect_complete, open_source, prove_instants
 from beltscape.commissioning.optics import assess_all
+from beltscape.commissioning.staged_cameras import CarriedBoard
 from beltscape.commissioning.state import CommissionSettings, CommissionState
 from beltscape.commissioning.steps import (
     CALIBRATION,
@@ -183,7 +184,10 @@ class StepRun:
                 f"captures = {str(settings.captures)!r}: {views.resolve()} is no folder; give the folder that has "
                 f"{VIEWS}, {EMPTY} and {MOVING} in it, absolute or from {state.folder.resolve()}"
             )
-        return read_capture(views).cameras
+        capture = read_capture(views)
+        for line in capture.describe_omissions():
+            self._reporter.warn(line)
+        return capture.cameras
 
     def _check_cameras(self, name: str) -> Facts:
         """Open all cameras once with their settings; return what they say of exposure time and gain, if any.
@@ -217,7 +221,11 @@ class StepRun:
     def _assess_images(self) -> Facts:
         applied = self._check_cameras("images")
         self._warn_of_rounding(applied)
-        frame_sets = collect_complete(open_source(self._state), _SETS, self._cancelled)
+        source = open_source(self._state)
+        if isinstance(source, CarriedBoard):
+            for line in source.list_left_out():
+                self._reporter.warn(line)
+        frame_sets = collect_complete(source, _SETS, self._cancelled)
         assessed = [assess_all(one.images) for one in frame_sets]
         reports = max(assessed, key=lambda own: sum(one.sharpness.median for one in own.values()))
         for name, report in reports.items():

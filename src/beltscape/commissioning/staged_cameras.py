@@ -11,13 +11,16 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from beltscape.calibration.detection.corners import Corners
 from beltscape.calibration.network.resection import fit_board_pose
-from beltscape.core.errors import CalibrationError
+from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
@@ -26,6 +29,7 @@ from beltscape.files.capture import Capture
 from beltscape.files.images import read_image
 from beltscape.pipeline.calibrating.guidance import draw_ghost, outline_mm
 from beltscape.simulate.board_pictures import BoardPictures
+from beltscape.sources.folder import find_image_size
 from beltscape.target.planar_boards import SquareBoard
 
 STILL_FRAMES, MOVING_FRAMES = 3, 1
@@ -79,11 +83,20 @@ class StagedCameras(ABC):
 
 
 class CarriedBoard(StagedCameras):
-    """Shows the views of a recorded capture as if the board were carried about, again and again."""
+    """Shows the views of a recorded capture as if the board were carried about, again and again.
+
+    An image that cannot be read, or has not the size of its camera's others, is left out and named.
+    """
 
     def __init__(self, capture: Capture) -> None:
         super().__init__(capture.cameras)
         self._capture = capture
+        self._left_out: dict[str, dict[Path, str]] = {name: {} for name in capture.cameras}
+
+    @cached_property
+    def _sizes_px(self) -> Mapping[str, tuple[int, int] | None]:
+        """(width, height) of most of the first images of each camera; None where none can be read."""
+        return {name: find_image_size(own.values()) for name, own in self._capture.files.items()}
 
     def follow(self, outlines: Outlines) -> None:
         """Go on with the recorded views; they follow no outline."""
@@ -97,13 +110,49 @@ class CarriedBoard(StagedCameras):
                 for shown in [moving] * MOVING_FRAMES + [images] * STILL_FRAMES:
                     if self._wait():
                         return
-                    yield FrameSet(f"{number:06d}", shown, time.monotonic_ns(), recorded=frame)
-                    number += 1
+                    if shown:
+                        yield FrameSet(f"{number:06d}", shown, time.monotonic_ns(), recorded=frame)
+                        number += 1
             self.is_exhausted = True
 
+    def health(self) -> Mapping[str, CameraHealth]:
+        """Return the cameras of which images were left out as lost, with the first one's line."""
+        states = super().health()
+        return {name: self._describe_left_out(own) for name, own in states.items()}
+
+    def _describe_left_out(self, health: CameraHealth) -> CameraHealth:
+        lines = list(self._left_out[health.name].values())
+        if not lines:
+            return health
+        more = f" ({len(lines) - 1} more)" if len(lines) > 1 else ""
+        return replace(health, state="lost", missed=len(lines), message=f"{lines[0]}{more}")
+
+    def list_left_out(self) -> list[str]:
+        """Read all images; return one line for each that is left out, with its file and what is wrong."""
+        for frame in self._capture.frames:
+            self._read(frame)
+        return [line for own in self._left_out.values() for line in own.values()]
+
     def _read(self, frame: str) -> dict[str, Image]:
+        """Return the usable images of an instant by camera."""
         files = self._capture.files
-        return {name: read_image(own[frame]) for name, own in files.items() if frame in own}
+        images = {name: self._read_image(name, own[frame]) for name, own in files.items() if frame in own}
+        return {name: image for name, image in images.items() if image is not None}
+
+    def _read_image(self, camera: str, path: Path) -> Image | None:
+        try:
+            image = read_image(path)
+        except InputError as error:
+            self._left_out[camera][path] = f"{error}; it is left out"
+            return None
+        size_px, own_px = image.shape[1::-1], self._sizes_px[camera]
+        if own_px is not None and size_px != own_px:
+            self._left_out[camera][path] = (
+                f"{path}: {size_px[0]}×{size_px[1]} px, but {camera}'s other images have {own_px[0]}×{own_px[1]}; "
+                "it is left out: record it again, or remove it"
+            )
+            return None
+        return image
 
 
 class SimulatedBoard(StagedCameras):

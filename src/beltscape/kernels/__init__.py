@@ -1,9 +1,9 @@
 """The inner loops: families of kernels with one signature each, and back ends that implement them.
 
 A kernel's signature, documentation, checks and result stand in its family's module: `geometry`, `images`,
-`sweep`, `least_squares`, `selection`, `networks`, `planes`, `holes`. It fills a record of checked `arrays`, with
-packed projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/), `reference`
-(NumPy) or `cuda` (a GPU). `load` returns all families with one back end.
+`sweep`, `least_squares`, `selection`, `networks`, `planes`, `statistics`, `holes`. It fills a record of checked
+`arrays`, with packed projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/),
+`reference` (NumPy) or `cuda` (a GPU). `load` returns all families with one back end.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKern
 from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
 from beltscape.kernels.planes import PixelKernels, PlaneKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
+from beltscape.kernels.statistics import StatisticsKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
 __all__ = ["FrameNumbers", "Kernels", "gpu_failures", "kernels_on_gpu", "load"]
@@ -58,6 +59,7 @@ class Kernels(
     HoleFillingKernels,
     PlaneKernels,
     PixelKernels,
+    StatisticsKernels,
 ):
     """All kernels of one back end; stages receive them as a value.
 

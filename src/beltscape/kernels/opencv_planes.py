@@ -121,12 +121,31 @@ def pick_best(given: Any) -> tuple[Floats]:
     return (np.stack([plane[best, pixels] for plane in given.planes]),)
 
 
+def filter_plane(given: Any) -> tuple[Floats]:
+    """Return the sums (H, W) over windows with weights."""
+    border = cv2.BORDER_REPLICATE if given.is_repeated else cv2.BORDER_REFLECT_101
+    return (np.asarray(cv2.filter2D(given.plane, cv2.CV_32F, given.weights, borderType=border), np.float32),)
+
+
+def find_quantile(given: Any) -> tuple[Floats]:
+    """Return the quantile () of what is not NaN."""
+    numbers = np.concatenate(given.arrays)
+    numbers = numbers[~np.isnan(numbers)]
+    return (np.asarray(np.quantile(numbers, given.share) if numbers.size else np.nan, np.float32),)
+
+
+def average_plane(given: Any) -> tuple[Floats]:
+    """Return the mean () of what is finite."""
+    numbers = given.plane[np.isfinite(given.plane)]
+    return (np.asarray(numbers.mean(dtype=np.float64) if numbers.size else 0, np.float32),)
+
+
 _OF_SIZE = {"average_areas": average_areas, "interpolate_plane": interpolate_plane}
 _OF_RECORD = {
     function.__name__: function
     for function in (
         average_windows, find_extremes, median_of_windows, measure_distances, average_blocks, subsample_plane,
-        list_pixels, put_pixels, assign_addresses, pick_best,
+        list_pixels, put_pixels, assign_addresses, pick_best, filter_plane, find_quantile, average_plane,
     )
 }  # fmt: skip
 KERNELS = {*_OF_SIZE, *_OF_RECORD, "repeat_blocks", "evaluate_expression"}

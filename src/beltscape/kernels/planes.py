@@ -70,6 +70,22 @@ class MaskInput(NamedTuple):
     """(H, W)"""
 
 
+class FoundPixels(NamedTuple):
+    """The pixels of a mask, row by row, and their number, which the device knows first."""
+
+    rows: Plane
+    """(N,), as many as the mask has at most."""
+    columns: Plane
+    """(N,)"""
+    count: NDArray[np.int32]
+    """(1,)"""
+
+    def cut(self) -> Pixels:
+        """Return rows and columns as long as the list is, rounded up; the processor waits for the number."""
+        length = round_up(int(self.count[0]))
+        return self.rows[:length], self.columns[:length]
+
+
 class PutInput(NamedTuple):
     """Checked input of `put_pixels`."""
 
@@ -172,11 +188,13 @@ class PixelKernels(KernelFamily):
         On a GPU N is rounded up, by at most an eighth, and the first pixel repeated: lists of nearly one length go
         through one graph.
         """
+        return self.find_pixels(mask).cut()
+
+    def find_pixels(self, mask: NDArray[Any]) -> FoundPixels:
+        """Return the pixels of `list_pixels`, whose number the processor need not know yet."""
         given = MaskInput(flags("mask", mask, mask.shape))
         out = *(np.empty(mask.size, np.float32) for _ in range(2)), np.empty(1, np.int32)
-        rows, columns, count = self._run("list_pixels", given, out, 1)
-        number = round_up(int(count[0]))
-        return rows[:number], columns[:number]
+        return FoundPixels(*self._run("list_pixels", given, out, 1))
 
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """See `beltscape.kernels.Kernels.keep`."""

@@ -235,6 +235,9 @@ class ResidentArray(NDArrayOperatorsMixin):
             result = np.maximum(result, low)
         return np.minimum(result, np.inf if high is None else high, out=out)
 
+    def __float__(self) -> float:
+        return float(self.on_host())
+
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         array = self.on_host()
         if dtype is not None and np.dtype(dtype) != array.dtype:
@@ -344,7 +347,9 @@ def _where(mask: Any, *both: Any) -> Any:
     if len(both) != 2 or operations is None or find_type(mask) != BOOL:
         return None
     scalars = (np.float32(0) if find_type(each) is float else each for each in both)
-    kind = np.result_type(*(find_type(each) if np.ndim(each) else each for each in scalars))
+    kind = np.result_type(
+        *(each.dtype if isinstance(each, ResidentArray | np.ndarray) else each for each in scalars)
+    )
     if kind not in (FLOAT, BYTE, BOOL) or any(
         find_type(each) not in (FLOAT, BYTE, BOOL, float, int) for each in both
     ):

@@ -152,6 +152,9 @@ def _windows(kernels: Any) -> Sequence[NDArray[Any]]:
         kernels.measure_distances(mask),
         kernels.average_areas(plane, (_WIDTH // 4, _HEIGHT // 3)),
         kernels.put_pixels(plane, pixels, np.arange(len(pixels[0]), dtype=np.float32)),
+        kernels.filter_plane(plane, _random(8).normal(0, 0.1, (3, 5))),
+        kernels.find_quantile([plane, _texture(4)], 0.9),
+        kernels.average_plane(plane),
     ]
 
 

@@ -12,6 +12,7 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.arrays import float32, sampled_images
 from beltscape.kernels.backend import KernelFamily
 from beltscape.kernels.projection import PROJECTION_SIZE
+from beltscape.kernels.resident import ResidentArray
 
 BAND_ROWS = 64
 """Rows of a band, of which each is aggregated by itself; its costs fit the memory that a thread may use."""
@@ -234,7 +235,7 @@ def _checked(
         raise KernelError(f"rows must lie within (0, {height}), not {rows}")
     if not LEAST_PLANES <= planes <= MOST_PLANES:
         raise KernelError(f"planes must be {LEAST_PLANES} to {MOST_PLANES}, not {planes}")
-    if not floor > 0:
+    if not (isinstance(floor, ResidentArray) or floor > 0):
         raise KernelError(f"floor must be positive, not {floor}")
     if not best >= 1:
         raise KernelError(f"best must be at least 1, not {best}")

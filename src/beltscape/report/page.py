@@ -57,6 +57,15 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
+class Properties:
+    """Names and what they are, in words: all columns are left-aligned."""
+
+    columns: tuple[str, str]
+    rows: Sequence[tuple[str, str]]
+    kind: str = "properties"
+
+
+@dataclass(frozen=True, slots=True)
 class Lines:
     """Sentences on separate lines."""
 
@@ -73,7 +82,7 @@ class InteractiveScene:
     kind: str = "scene"
 
 
-Item = Tiles | Chart | ChartKey | Pictures | Table | Lines | InteractiveScene
+Item = Tiles | Chart | ChartKey | Pictures | Table | Properties | Lines | InteractiveScene
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,8 @@ _AHEAD = 2
 """Frames that another process reads ahead."""
 _SIZED_IMAGES = 5
 """Images of a camera that are read to find their size where the first one has not that of the rig."""
+_NO_SIZE_PX = (0, 0)
+"""Where no size is expected."""
 
 
 class FolderSource:
@@ -170,6 +172,11 @@ def _read_sizes(files: Iterable[Path]) -> Iterator[tuple[int, int]]:
         with suppress(InputError):
             height, width = read_image(path).shape[:2]
             yield width, height
+
+
+def find_image_size(files: Iterable[Path]) -> tuple[int, int] | None:
+    """Return the (width, height) of most of the first few images that can be read; None without any."""
+    return choose_image_size(_read_sizes(files), _NO_SIZE_PX)
 
 
 def choose_image_size(

@@ -18,7 +18,7 @@ everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated(
 
 JUMPS = [(0, 0), (8, 80), (8, 127), (67, 68), (8, 128), (100, 100), (300, 900), (0, 8000), (8000, 8000)]
 """Bytes, the last of them, and words up to the last of those."""
-PLANES = (4, 5, 15, 16, 17, 31, 33, 63, 64, 65, 130)
+PLANES = (4, 5, 15, 16, 17, 31, 33, 63, 64, 65, 96, 97, 130)
 jumps = st.sampled_from(JUMPS)
 
 

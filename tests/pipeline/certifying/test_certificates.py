@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ from beltscape.pipeline.certifying.certificates import (
     verify_certificate,
 )
 from beltscape.pipeline.certifying.material_test import EvaluatedTest, evaluate_test_file
+from beltscape.report.production.pdf import lay_out
 from beltscape.service.project import open_project
 from tests.pipeline.certifying.plants import SimulatedPlant, make_tested_plant
 
@@ -66,6 +68,37 @@ def test_a_certificate_is_valid_in_every_form(data, tested) -> None:
     assert issued.fingerprint in page
     assert all(digest in page for digest in present.values())
     assert read_document(issued.path)["results"] == to_plain(evaluated.document["results"])
+
+
+@pytest.mark.parametrize("language", ["en", "de", "es", "zh"])
+def test_every_page_of_the_pdf_has_the_number_at_its_foot_and_text_that_can_be_selected(
+    data, tested, language
+) -> None:
+    pytest.importorskip("weasyprint")
+    if language == "zh" and not list_chinese_fonts():
+        pytest.skip("no Chinese font is installed; `make system` brings one")
+    issued = issue(data, tested[1], pdf=True, language=language)  # refused where no font has a letter
+    pages = lay_out(issued.page.read_text()).pages
+    assert len(pages) > 1
+    for number, page in enumerate(pages, 1):
+        texts = [box.text for box in page._page_box.descendants() if hasattr(box, "text")]
+        assert f"{number} / {len(pages)}" in texts
+        assert any(text.endswith(" 2026-0001") for text in texts)
+        assert not [text for text in texts if text.endswith("\u2009")]  # a number does not end within
+
+
+def list_chinese_fonts() -> str:
+    return subprocess.run(["fc-list", ":lang=zh"], capture_output=True, text=True, check=True).stdout
+
+
+def test_a_letter_that_no_font_has_is_named_and_nothing_is_issued(data, tested) -> None:
+    pytest.importorskip("weasyprint")
+    options = IssueOptions("belt \U0010fffd", "meier", NOW_MS, pdf=True)
+    with pytest.raises(
+        InputError, match=r"--pdf: no font of this machine has \U0010fffd; .*apt install fonts-"
+    ):
+        issue_certificate(data, tested[1], options)
+    assert list_certificates(data) == [] and not list((data / "certificates").glob("*.pdf"))
 
 
 def test_what_ends_a_certificate_is_named(data, tested) -> None:

@@ -3,6 +3,7 @@ import { get } from "../page/script/api.js";
 import { $, create_element } from "../page/script/dom.js";
 import { store } from "../page/script/store.js";
 import { get_language, t } from "../page/script/texts.js";
+import { create_program_line, read_line } from "./problems.js";
 import { act, render_steps } from "./steps.js";
 
 const FIELDS = {
@@ -128,7 +129,8 @@ async function fill_found(button) {
       device.value = camera.address || camera.device;
     });
   } catch (error) {
-    try { $("found").textContent = JSON.parse(error.message).detail; } catch { $("found").textContent = t("commission.found_none"); }
+    if (error.status === undefined) $("found").textContent = t("commission.unsent");
+    else $("found").replaceChildren(create_element("span", {}, t("commission.search_failed")), create_program_line(read_line(error)));
   }
   button.disabled = false;
 }

@@ -6,6 +6,7 @@ import { format_significant, t } from "../page/script/texts.js";
 import { create_form, read_form } from "./forms.js";
 import { format_facts } from "./facts.js";
 import { render_optics, stop_optics } from "./optics.js";
+import { create_program_line, hide_problem, show_failure, show_problem, show_refusal } from "./problems.js";
 import { render_views } from "./views.js";
 
 const ICONS = { done: "good", open: "waiting", blocked: "unknown", outdated: "unusable", failed: "unusable", running: "rising" };
@@ -33,20 +34,13 @@ function leave_pictures() {
 /** Send a change and show the answer, or why it was refused. */
 export async function act(path, body = {}) {
   try {
-    $("step-problem").hidden = true;
+    hide_problem();
     store.emit("answer", await post(path, body));
     return true;
   } catch (error) {
-    show_problem(error.status === undefined ? t("commission.unsent") : error.message); // no status: nobody answered
+    show_refusal(path, error);
     return false;
   }
-}
-
-function show_problem(text) {
-  let line = text;
-  try { line = JSON.parse(text).detail ?? text; } catch { /* it is no JSON */ }
-  set_text($("step-problem"), typeof line === "string" ? line : JSON.stringify(line));
-  $("step-problem").hidden = !line;
 }
 
 export function render_steps(state, is_new = false) {
@@ -82,7 +76,7 @@ function show_form(step, state) {
   set_text($("step-title"), t(`commission.step.${step.name}`));
   set_text($("step-about"), t(`commission.about.${step.name}`));
   $("step-body").replaceChildren(create_form(step.name, state), create_element("div", { id: "step-live" }));
-  $("step-problem").hidden = true;
+  hide_problem();
   $("step-actions").replaceChildren();
   if (step.name === "images" && state.steps[0].status === "done" && !state.running) act("api/commission/live", { is_open: true });
 }
@@ -91,10 +85,11 @@ function show_step(step, state) {
   const status = get_status(step);
   $("step-state").dataset.status = status;
   set_text($("step-state"), t(`commission.status.${status}`));
-  if (step.failure) show_problem(step.failure);
+  if (step.failure) show_failure(step);
   show_actions(step, state);
-  sync_children($("step-warnings"), step.warnings, (line) => line, (line) => create_element("li", {}, line), () => {});
-  sync_children($("step-progress"), step.status === "running" ? state.progress : [], (line) => line, (line) => create_element("li", {}, line), () => {});
+  $("step-warnings-about").hidden = !step.warnings.length;
+  sync_children($("step-warnings"), step.warnings, (line) => line, (line) => create_element("li", { lang: "en" }, line), () => {});
+  sync_children($("step-progress"), step.status === "running" ? state.progress : [], (line) => line, (line) => create_element("li", { lang: "en" }, line), () => {});
   const facts = step.result && step.status !== "running" ? format_facts(step) : [];
   sync_children($("step-facts"), facts, ([name, value]) => `${name} ${value}`, ([name, value]) => create_element("div", {}, create_element("dt", {}, name), create_element("dd", {}, value)), () => {});
   sync_children($("step-files"), step.files, (file) => file, (file) => create_element("li", {}, create_element("a", { class: "plain", href: `api/commission/files/${file}`, target: "_blank", rel: "noopener", title: file }, name_file(file))), () => {});
@@ -108,7 +103,7 @@ function show_step(step, state) {
 /** Name the cameras that are not well while their pictures are shown. */
 function show_faults(step, { live }) {
   const faults = ["images", "calibrate"].includes(step.name) ? live.faults : [];
-  sync_children($("live-faults"), faults, ({ camera, text }) => `${camera} ${text}`, ({ camera, key, values, text }) => create_element("li", {}, `${camera}: ${key ? t(`cause.${key}`, values) : text}`), () => {});
+  sync_children($("live-faults"), faults, ({ camera, text }) => `${camera} ${text}`, ({ camera, key, values, text }) => create_element("li", {}, `${camera}: `, key ? t(`cause.${key}`, values) : create_program_line(text)), () => {});
 }
 
 /** Return what a result file is called: by its place, as the steps write it. */

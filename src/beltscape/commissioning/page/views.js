@@ -1,6 +1,7 @@
 // Guided calibration: what to do now, the score, and every camera's picture with corners, coverage and the next pose.
 import { $, create_element, create_svg, set_text, sync_children } from "../page/script/dom.js";
 import { format_percent, format_significant, t } from "../page/script/texts.js";
+import { create_program_line } from "./problems.js";
 import { act } from "./steps.js";
 
 const MISSING = 1, REACHED = 2;
@@ -33,7 +34,9 @@ function create_parts() {
   const sound = create_element("input", { type: "checkbox", id: "views-sound", checked: has_sound, on: { change: (event) => { has_sound = event.target.checked; } } });
   return [
     create_element("div", { class: "coach", id: "views-coach", role: "status" }, create_element("strong", {}), create_element("span", {})),
+    create_element("div", { class: "warnings", id: "views-trouble", role: "status" }),
     create_element("dl", { class: "scores", id: "views-scores" }),
+    create_element("p", { class: "soft", id: "views-doubts-about", hidden: true }, t("commission.views.doubts")),
     create_element("ul", { class: "warnings", id: "views-doubts" }),
     create_element("div", { class: "row actions" }, button("views-take", t("commission.views.take"), () => handle("take")), button("views-stop", t("commission.views.stop"), () => handle("stop")), button("views-anew", t("commission.views.anew"), () => handle("anew")), create_element("label", { class: "soft" }, sound, ` ${t("commission.views.sound")}`)),
     create_element("p", { class: "key" }, ...["missing", "reached", "next"].map((key) => create_element("span", {}, create_element("i", { class: key, "aria-hidden": "true" }), t(`commission.views.key_${key}`)))),
@@ -46,7 +49,14 @@ function show_coach(views) {
   $("views-coach").dataset.tone = views.moved ? "bad" : views.is_enough ? "good" : "";
   set_text(strong, views.moved ? t("commission.views.moved", { camera: views.moved }) : views.is_enough ? t("commission.views.enough") : t(`commission.view.${views.verdict}`, { camera: views.camera }));
   const waits = views.is_scoring ? t("commission.views.scoring") : views.score || views.verdict === "resuming" ? "" : t("commission.views.first");
-  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble || waits);
+  set_text(more, views.moved ? t("commission.views.moved_fix") : views.trouble ? t("commission.views.trouble") : describe_unseen(views) || waits);
+  sync_children($("views-trouble"), views.trouble ? [views.trouble] : [], (line) => line, (line) => create_element("p", {}, create_program_line(line)), () => {});
+}
+
+/** Return what recorded views lack, once all of them were looked at. */
+function describe_unseen({ unseen, sizes_px, taken }) {
+  if (!unseen.length) return "";
+  return unseen.length > Object.keys(sizes_px).length - 2 && !taken ? t("commission.views.none_seen") : t("commission.views.unseen", { cameras: unseen.join(", ") });
 }
 
 function show_scores({ taken, score, tolerance_mm }) {
@@ -57,7 +67,8 @@ function show_scores({ taken, score, tolerance_mm }) {
     [t("commission.fact.sigma_mm"), `${with_unit(score.sigma_mm, "mm")} (≤\u00a0${format_significant(tolerance_mm)})`],
     [t("commission.fact.uncovered"), format_percent(score.uncovered, 1)]);
   sync_children($("views-scores"), rows, ([name]) => name, ([name]) => create_element("div", {}, create_element("dt", {}, name), create_element("dd", {})), (row, [, value]) => set_text(row.lastChild, value));
-  sync_children($("views-doubts"), score?.doubts ?? [], (line) => line, (line) => create_element("li", {}, line), () => {});
+  sync_children($("views-doubts"), score?.doubts ?? [], (line) => line, (line) => create_element("li", { lang: "en" }, line), () => {});
+  $("views-doubts-about").hidden = !score?.doubts?.length;
 }
 
 /** A short tone for every view that is taken, where it is wished. */

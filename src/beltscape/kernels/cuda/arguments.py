@@ -103,7 +103,11 @@ class Replacements:
 
 def fill(value: Any, replace: Callable[[Slot], Any]) -> Any:
     """Return a value with something in its slots."""
-    return rebuild(value, Replacements(replace, replace, replace))
+
+    def number(slot: Any) -> Any:
+        return replace(slot) if isinstance(slot, Slot) else slot  # one that is the same for every frame
+
+    return rebuild(value, Replacements(replace, number, replace))
 
 
 def rebuild(value: Any, replace: Replacements) -> Any:

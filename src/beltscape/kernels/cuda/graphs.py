@@ -38,7 +38,7 @@ MOST_RECORDINGS = 256
 """A frame of 2448 × 2048 px has some 30; lists of pixels have more, one for each of their lengths."""
 _MOST_SHARE = 0.5
 """Of the device's memory that graphs hold for arguments and results; then those go that were not used for longest."""
-_BYTE = np.dtype(np.uint8)
+_BYTE, _FLOAT = np.dtype(np.uint8), np.dtype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class Graph:
             if source is None:
                 array.adopt(target)
         if numbers:
-            values = np.array(numbers, np.float32)
-            work.copy_to(values, DeviceArray(self.own, values.shape, values.dtype, self._numbers_place))
+            target = DeviceArray(self.own, (len(numbers),), _FLOAT, self._numbers_place)
+            _place_numbers(numbers, target, work)
         work.launch_graph(self.executable)
         return lease
 
@@ -170,6 +170,17 @@ def _find_owner(array: ResidentArray) -> DeviceArray | None:
     if found is None or not isinstance(found.block.owner, Graph):
         return None
     return DeviceArray(found.block.owner.own, found.shape, found.dtype, found.offset)
+
+
+def _place_numbers(numbers: Sequence[Any], target: DeviceArray, work: Workspace) -> None:
+    """Copy numbers of the processor and of the device to the first elements of an array of the device."""
+    on_device = [isinstance(each, ResidentArray) for each in numbers]
+    if not all(on_device):
+        own = [0 if there else each for each, there in zip(numbers, on_device, strict=True)]
+        work.copy_to(np.array(own, np.float32), target.rows(0, len(own)))
+    for i, each in enumerate(numbers):
+        if isinstance(each, ResidentArray):
+            work.copy_to(each.on_device(work.upload), target.part(i))
 
 
 @dataclass
@@ -254,7 +265,8 @@ class GraphCache:
         with open_workspace(self._device, self._traffic, RecordingWorkspace) as work:
             recorder = LaunchRecorder(resident, work)
             inputs = _separate(found.arrays, arrays, work)
-            numbers = work.copy_argument(np.array([*found.numbers, 0], np.float32))
+            numbers = work.copy_argument(np.zeros(len(found.numbers) + 1, np.float32))
+            _place_numbers(found.numbers, numbers, work)
             try:
                 returned = function(*_replace_given(given, recorder, inputs, numbers))
                 result = _make_slots(returned, recorder, inputs, numbers, blocks)
@@ -392,7 +404,7 @@ def _make_slots(
             return number
         found = number.on_device(recorder.upload)
         if found.block is not numbers.block:
-            raise NotRecordableError("it returns a number that it computes")
+            return of_array(number)
         return Slot("number", found.offset // found.dtype.itemsize)
 
     return rebuild(result, Replacements(of_array, of_number, lambda _: Slot("kernels")))

@@ -1,4 +1,4 @@
-"""Plans of launches of expressions and of windows over planes: native/cuda/expression.cuh, planes.cuh."""
+"""Plans of launches of expressions, windows over planes and their statistics: the headers of these names."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from beltscape.kernels.cuda.workspace import Workspace
 
 _THREADS = 256, 1, 1
 """Of a block, which take an element of a row each."""
+_BLOCK_THREADS = 256, 1, 1
+"""Of the one block that goes through a whole plane (``kRankThreads``, ``kMeanThreads``)."""
 MOST_DISTANCE_PX = 128
 """Distance from a mask at which the search ends: a proximity of exp(-128 / 7.2) is below single precision."""
 _MOST_ROWS = 65535
@@ -113,6 +115,35 @@ def subsample_plane(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) ->
     """Compute `beltscape.kernels.planes.PlaneKernels.subsample_plane`."""
     layout = given.plane.shape[1], given.first, given.step
     return _launch_blocks(work, "subsample_plane", given, out, *layout)
+
+
+def filter_plane(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
+    """Compute `beltscape.kernels.statistics.StatisticsKernels.filter_plane`."""
+    height, width = out[0].shape
+    result = work.allocate((height, width), np.float32)
+    rows, columns = given.weights.shape
+    plane, weights = work.upload(given.plane), work.upload(given.weights)
+    window = weights, columns, rows, int(given.is_repeated)
+    work.launch("filter_plane", tile_grid((height, width)), TILE, plane, width, height, *window, result)
+    return [result]
+
+
+def find_quantile(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
+    """Compute `beltscape.kernels.statistics.StatisticsKernels.find_quantile`."""
+    result = work.allocate(out[0].shape, np.float32)
+    sizes = np.array([each.size for each in given.arrays], np.int32)
+    arrays = work.upload_all(given.arrays), work.upload(sizes), len(sizes)
+    millionths = round(1e6 * given.share)
+    work.launch("find_quantile", (1, 1, 1), _BLOCK_THREADS, *arrays, millionths, result)
+    return [result]
+
+
+def average_plane(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
+    """Compute `beltscape.kernels.statistics.StatisticsKernels.average_plane`."""
+    result = work.allocate(out[0].shape, np.float32)
+    plane = work.upload(given.plane), given.plane.size
+    work.launch("mean_level", (1, 1, 1), _BLOCK_THREADS, *plane, result)
+    return [result]
 
 
 def _launch_blocks(

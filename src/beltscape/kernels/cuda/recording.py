@@ -112,6 +112,12 @@ class RecordingWorkspace(Workspace):
         del out
         raise NotRecordableError(f"an array of the GPU {array.shape} is read on the processor")
 
+    def read_constant(self, array: DeviceArray) -> NDArray[Any]:
+        """See `Workspace.read_constant`."""
+        out = np.empty(array.shape, array.dtype)
+        super().download(array, out)
+        return out
+
     def _find_constant(self, array: NDArray[Any]) -> DeviceArray:
         found = super()._find_constant(array)
         self.recording.constants[found.block.serial] = found

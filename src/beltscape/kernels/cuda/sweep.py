@@ -99,7 +99,7 @@ def _sweep_rows(work: Workspace, given: Any, first_row: int, rows: int) -> Any:
         _TILE,
         *(aligned.core, width, height, aligned.level),
         *(aligned.pixels, aligned.table, aligned.positions, len(given.images)),
-        *(given.planes, float(given.floor), given.best, first_row, rows, costs),
+        *(given.planes, work.upload_number(given.floor), given.best, first_row, rows, costs),
     )
     return costs
 
@@ -137,7 +137,10 @@ def _position_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDAr
     work.launch("plane_places", grid, block, shifts, count, *planes, positions)
 
     table = np.zeros((count, 6), np.int32)
-    table[:, :4] = work.download_new(fields)
+    is_constant = isinstance(
+        given.views, np.ndarray
+    )  # as are the planes: a frame's images change nothing here
+    table[:, :4] = (work.read_constant if is_constant else work.download_new)(fields)
     table[[min(image.shape) < _SMALLEST_SPLINE for image in given.images], :4] = 0
     table[:, 5] = (table[:, 2] + 3 + _UNIT - 1) // _UNIT * _UNIT
     units = table[:, 5] // _UNIT * table[:, 3]

@@ -132,6 +132,10 @@ class Workspace:
         self.download(array, out)
         return out
 
+    def read_constant(self, array: DeviceArray) -> NDArray[Any]:
+        """Return a copy of an array that does not depend on a frame's images, so that a graph may be made by it."""
+        return self.download_new(array)
+
     def close(self) -> None:
         """Let the blocks' next users wait for this stream."""
         event = self._device.record(self._stream)

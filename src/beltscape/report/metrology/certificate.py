@@ -17,7 +17,7 @@ from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import Form, make_panels, use_decimal_mark
 from beltscape.report.metrology.pictures import LoadPicture
-from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, render
+from beltscape.report.page import Item, Lines, Pictures, Properties, Section, Table, Tile, Tiles, render
 from beltscape.report.production.texts import Texts, open_texts
 
 PACKAGE = "beltscape.report.metrology"
@@ -26,6 +26,8 @@ _MOST_BARS = 8
 """Largest effects that a chart shows."""
 _RECORDS = re.compile(r"records (\d+) to (\d+)")
 """A run of the history in a test's document."""
+_JOIN = "\u00a0"
+"""Between a number and its unit: no line breaks there (SI brochure 5.4.3)."""
 _COLOURS = ("first", "second", "third", "fourth")
 """Roles of the loads' colours, in turn."""
 
@@ -107,15 +109,15 @@ def _degrees(value: float | None, texts: Texts) -> str:
 
 def _make_identity_table(
     document: Mapping[str, Any], statement: Statement | None, fingerprint: str, texts: Texts
-) -> Table:
+) -> Properties:
     rows: list[tuple[str, str]] = []
     if statement is not None:
         rows += [
             (texts("number"), statement.number),
             (texts("plant"), statement.plant),
-            (texts("issued"), texts.moment(statement.issued_ms)),
+            (texts("issued"), f"{texts.moment(statement.issued_ms)} ({texts.zone.key})"),
             (texts("issued_by"), statement.issued_by),
-            (texts("expires"), texts.moment(statement.expires_ms)),
+            (texts("expires"), f"{texts.moment(statement.expires_ms)} ({texts.zone.key})"),
             (texts("key"), fingerprint),
         ]
     rows += [
@@ -123,7 +125,7 @@ def _make_identity_table(
         for key in ("name", "product", "operator", "place", "remark")
         if document[key]
     ]
-    return Table([texts("field"), texts("value")], rows)
+    return Properties((texts("field"), texts("value")), rows)
 
 
 def _make_result_table(items: Sequence[Mapping[str, Any]], texts: Texts) -> Table:
@@ -323,8 +325,8 @@ def _format_volume(value: float, texts: Texts) -> str:
 
 def _format_reference(run: Mapping[str, Any], texts: Texts) -> str:
     if run["kind"] == "mass":
-        return f"{texts.number(run['reference'], 1)} kg"
-    return f"{_format_volume(run['reference'], texts)} m³"
+        return f"{texts.number(run['reference'], 1)}{_JOIN}kg"
+    return f"{_format_volume(run['reference'], texts)}{_JOIN}m³"
 
 
 def _make_reference_table(document: Mapping[str, Any], texts: Texts) -> Table:
@@ -350,7 +352,7 @@ def _make_reference_table(document: Mapping[str, Any], texts: Texts) -> Table:
     return Table([texts(f"column.{name}") for name in columns], rows)
 
 
-def _make_applies_table(document: Mapping[str, Any], texts: Texts) -> Table:
+def _make_applies_table(document: Mapping[str, Any], texts: Texts) -> Properties:
     applies = document["applies"]
-    rows = [[texts(f"part.{part}"), applies.get(part) or texts("not_recorded")] for part in APPLIES]
-    return Table([texts("field"), texts("value")], rows)
+    rows = [(texts(f"part.{part}"), applies.get(part) or texts("not_recorded")) for part in APPLIES]
+    return Properties((texts("field"), texts("value")), rows)

@@ -62,12 +62,14 @@ def deposit_rocks(
     *,
     bedding: float,
     candidates: int,
+    rolling: float = 0.0,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Return (N, 3) final positions of the centroids of rocks that fall in the given order.
 
     Of ``candidates`` random cells with fines (or of the belt, where there are no fines) the rock is placed where it
-    lies lowest above the fines. It sinks into the fines by ``bedding`` of its height, not into belt or rocks.
+    lies lowest above the fines (``rolling`` 0) or lowest of all (1). It sinks into the fines by ``bedding`` of its
+    height, not into belt or rocks.
 
     Raises
     ------
@@ -88,7 +90,10 @@ def deposit_rocks(
     for i, rock in enumerate(footprints):
         tried = cells[rng.integers(len(cells), size=candidates)].tolist()
         heights = [maps.rest_height_mm(rock, row, column, bedding) for row, column in tried]
-        rises = [z - maps.fines_mm[row, column] for z, (row, column) in zip(heights, tried, strict=True)]
+        rises = [
+            z - (1 - rolling) * maps.fines_mm[row, column]
+            for z, (row, column) in zip(heights, tried, strict=True)
+        ]
         best = int(np.argmin(rises))  # hollows are filled first
         row, column = tried[best]
         maps.add(rock, row, column, heights[best])
@@ -181,6 +186,8 @@ class HeapSettings(BaseModel):
     """Depth to which a rock sinks into the fines, as a share of its height; it never sinks into belt or rocks."""
     candidates: Annotated[int, Field(ge=1, le=100)] = 6
     """Positions tried for each rock; it is placed where it lies lowest above the fines."""
+    rolling: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """1: it is placed where it lies lowest of all, as if it had rolled down the heap; between: both weighed."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.09
     """Mean diffuse reflectance of the rocks: coal 0.05, ore and gravel up to 0.4."""
     spread: Annotated[float, Field(ge=0, le=0.6)] = 0.3
@@ -234,8 +241,9 @@ def make_heap(settings: HeapSettings, belt: BeltSettings) -> Heap:
     rocks = [make_rock(size, settings.shapes, rng) for size in sizes.tolist()]
     rng = np.random.default_rng(position_seed)
     centers = deposit_rocks(
-        rocks, fines, belt, bedding=settings.bedding, candidates=settings.candidates, rng=rng
-    )
+        rocks, fines, belt, bedding=settings.bedding, candidates=settings.candidates, rolling=settings.rolling,
+        rng=rng,
+    )  # fmt: skip
     rng = np.random.default_rng(shade_seed)
     reflectance_model = ReflectanceModel(settings.reflectance, settings.spread, settings.mottle)
     solids: list[Solid] = []

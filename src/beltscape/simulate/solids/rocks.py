@@ -15,8 +15,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.shapes import Mesh, subdivide
 
-_CORNERS = (13, 26)
-"""Least number of corners of a rock, and one more than the largest."""
 _WAVES = 12
 """Cosine waves whose sum is the roughness."""
 _ROUND = 24
@@ -38,12 +36,21 @@ class ShapeSettings(BaseModel):
     """Minimum ratio of the shortest to the middle axis."""
     roughness: Annotated[float, Field(ge=0, le=0.2)] = 0.05
     """Standard deviation of the surface from the flat faces, as a share of the radius."""
+    corners: tuple[Annotated[int, Field(ge=6)], Annotated[int, Field(le=100)]] = (13, 25)
+    """Least and greatest number of points of which a broken rock is the hull: few give large faces, sharp edges."""
     lean_deg: Annotated[float, Field(ge=0, le=90)] = 25.0
     """Standard deviation of a rock's inclination to its flat side."""
     pressed: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of pressed bodies among the rocks: pellets, briquettes and blocks, all without roughness."""
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = ("ellipsoid", "cylinder", "cuboid")
     """Forms of the pressed bodies, all as frequent: ellipsoids with axes alike are pellets, long cylinders rods."""
+
+    @model_validator(mode="after")
+    def _check_order(self) -> ShapeSettings:
+        least, greatest = self.corners
+        if least > greatest:
+            raise ValueError(f"corners = [{least}, {greatest}]: the first must not exceed the second")
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +78,8 @@ def _make_broken(size_mm: float, settings: ShapeSettings, rng: np.random.Generat
 
     Vertices move along their radius only, so that the mesh stays closed and does not intersect itself.
     """
-    points = rng.normal(size=(rng.integers(*_CORNERS), 3))
+    least, greatest = settings.corners
+    points = rng.normal(size=(rng.integers(least, greatest + 1), 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     mesh = _make_hull(points * _draw_axes(settings, rng))
     for _ in range(2 if size_mm >= _FINE_MM else 1):

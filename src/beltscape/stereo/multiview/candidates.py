@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
-from beltscape.kernels.planes import PixelKernels, dilate, find_pixel_kernels
+from beltscape.kernels.planes import FoundPixels, PixelKernels, dilate, find_pixel_kernels
 from beltscape.kernels.selection import Candidates
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.frame import PreparedFrame
-from beltscape.stereo.multiview.parallel import Pixels, run_parallel, split_pixels
+from beltscape.stereo.multiview.parallel import Pixels, find_pixels, run_parallel, split_pixels
 from beltscape.stereo.multiview.photoconsistency import (
     PhotoConsistencyModel,
     PhotometricGain,
@@ -62,12 +62,17 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
 
     ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
     """
-    selector = CandidateSelector.from_surface(surface, planes, prepared)
-    kernels = find_pixel_kernels(planes["initial confidence"])
-    if kernels:
-        return _select_on_device(selector)
+    return finish_selection(*prepared.context.kernels.replay(begin_selection, surface, planes, prepared))
+
+
+def finish_selection(selector: CandidateSelector, uncertain: FoundPixels | NDArray[np.bool_]) -> Selection:
+    """Return what `select_candidates` does, of what `begin_selection` returns."""
+    surface, context = selector.surface, selector.consistency.prepared.context
+    parts = selector.split_pixels(uncertain)
+    if isinstance(uncertain, FoundPixels):
+        return _select_on_device(selector, parts)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
-    confidence = np.array(planes["initial confidence"], np.float32)
+    confidence = np.array(selector.planes["initial confidence"], np.float32)
 
     def select_at(pixels: Pixels) -> None:
         candidates, features = selector.find_candidates(pixels)
@@ -79,16 +84,24 @@ def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: 
             plane[at] = offered[selected[changed], changed]
         confidence[pixels] = np.where(np.isfinite(logit), logit, confidence[pixels])
 
-    jobs = [partial(select_at, pixels) for pixels in selector.find_uncertain_pixels()]
-    run_parallel(jobs, prepared.context.threads)
+    jobs = [partial(select_at, pixels) for pixels in parts]
+    run_parallel(jobs, context.threads)
     return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
 
 
-def _select_on_device(selector: CandidateSelector) -> Selection:
+def begin_selection(
+    surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame
+) -> tuple[CandidateSelector, FoundPixels | NDArray[np.bool_]]:
+    """Return the selector, and the uncertain pixels."""
+    selector = CandidateSelector.from_surface(surface, planes, prepared)
+    return selector, find_pixels(selector.mask_uncertain())
+
+
+def _select_on_device(selector: CandidateSelector, parts: Sequence[Pixels]) -> Selection:
     """Return what `select_candidates` does, of planes on a GPU."""
     surface, context = selector.surface, selector.consistency.prepared.context
     selected = [surface.s, surface.slope_u, surface.slope_v, selector.planes["initial confidence"]]
-    for pixels in selector.find_uncertain_pixels():
+    for pixels in parts:
         selected = context.kernels.replay(_select_at, selector, pixels, selected)
     *planes, confidence = selected
     return Selection(Surface(*planes), confidence, selector.consistency.gain)
@@ -123,7 +136,7 @@ class CandidateSelector:
     ) -> CandidateSelector:
         """Return the selector for a surface with its `PIXEL_FEATURES` (H, W) by name."""
         confidence = planes["initial confidence"]
-        buffers = prepared.context.kernels.replay(_buffer_occluders, surface.s, confidence, prepared)
+        buffers = _buffer_occluders(surface.s, confidence, prepared)
         gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
         reliable = (confidence >= RELIABLE).astype(np.uint8)
         return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers))
@@ -140,11 +153,18 @@ class CandidateSelector:
 
     def find_uncertain_pixels(self) -> list[Pixels]:
         """Return the uncertain pixels within reach of reliable ones, in parts."""
+        return self.split_pixels(find_pixels(self.mask_uncertain()))
+
+    def split_pixels(self, found: FoundPixels | NDArray[np.bool_]) -> list[Pixels]:
+        """Return the pixels in parts that are processed together."""
+        return split_pixels(found, self.consistency.prepared.context.kernels.choose_pixels(_PIXELS))
+
+    def mask_uncertain(self) -> NDArray[np.bool_]:
+        """Return the mask (H, W) of uncertain pixels within reach of reliable ones."""
         side = 2 * self.reach + 1
         uncertain = self.planes["initial confidence"] < UNCERTAIN
         uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
-        most = self.consistency.prepared.context.kernels.choose_pixels(_PIXELS)
-        return split_pixels(uncertain & (dilate(self.reliable, (side, side)) > 0), most)
+        return uncertain & (dilate(self.reliable, (side, side)) > 0)
 
     def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Floats]]:
         """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.kernels import Kernels
-from beltscape.kernels.planes import average_areas, interpolate_plane
+from beltscape.kernels.planes import average_areas, average_blocks, find_plane_kernels, interpolate_plane
 from beltscape.stereo.multiview.features import ConfidenceInputs
 from beltscape.stereo.multiview.frame import PreparedFrame, Windows
 from beltscape.stereo.multiview.surface import crop_projection
@@ -39,6 +39,10 @@ _GROUPS = (0.0, 0.35, 0.7, 0.9, 1.0)
 """Quantiles of the information that bound the groups of tiles: bright material is less noisy than a dark belt."""
 _LEAST_TILES = 60
 """Tiles below which a group has no estimate."""
+
+
+Bands = tuple[tuple[int, int], ...]
+"""The first row of each band, and that behind its last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,16 +127,11 @@ def estimate_inflation(s: Floats, depth_steps: NDArray[np.bool_], prepared: Prep
     height, windows = len(s), prepared.context.windows
     side = compute_tile_side(windows.scale)
     rows = min(height, _TILE_ROWS * side + 2 * windows.levels_px)
-    smooth = ~np.asarray(depth_steps)
     firsts = np.linspace(0, height - rows, _BANDS + 2)[1:-1].astype(int)
-    bands = [slice(int(first), int(first) + rows) for first in firsts]
-    equations = prepared.context.kernels.replay(
-        _form_equations, s, prepared, tuple((band.start, band.stop) for band in bands)
-    )
-    tiles = [
-        _accumulate_tiles(of_band, smooth[band], windows)
-        for of_band, band in zip(equations, bands, strict=True)
-    ]
+    bands = tuple((int(first), int(first) + rows) for first in firsts)
+    given = s, depth_steps, prepared, bands
+    is_on_device = find_plane_kernels(s) and find_plane_kernels(depth_steps)
+    tiles = _sum_on_device(*given) if is_on_device else _sum_on_processor(*given)
     parts = [_compute_squared_deviations(*sums, side) for sums in tiles]
     information, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
     return _estimate_groups(np.log(information), squares)
@@ -143,9 +142,7 @@ def compute_tile_side(scale: float) -> int:
     return max(3, round(TILE_PX * scale))
 
 
-def _form_equations(
-    s: Floats, prepared: PreparedFrame, bands: tuple[tuple[int, int], ...]
-) -> list[list[tuple[Floats, Floats]]]:
+def _form_equations(s: Floats, prepared: PreparedFrame, bands: Bands) -> list[list[tuple[Floats, Floats]]]:
     """Return information and pull of each view by itself, in bands of rows (first, end) of the surface s (H, W)."""
     noise, context = prepared.noise, prepared.context
 
@@ -159,6 +156,48 @@ def _form_equations(
 
     views = list(zip(prepared.views, prepared.coefficients, strict=True))
     return [[form(*band, *view) for view in views] for band in bands]
+
+
+def _sum_on_processor(
+    s: Floats, depth_steps: NDArray[np.bool_], prepared: PreparedFrame, bands: Bands
+) -> list[tuple[Floats, Floats]]:
+    """Return the sums of `_accumulate_tiles` for each band."""
+    smooth, windows = ~np.asarray(depth_steps), prepared.context.windows
+    equations = _form_equations(s, prepared, bands)
+    return [
+        _accumulate_tiles(of_band, smooth[first:end], windows)
+        for of_band, (first, end) in zip(equations, bands, strict=True)
+    ]
+
+
+def _sum_on_device(
+    s: Floats, depth_steps: NDArray[np.bool_], prepared: PreparedFrame, bands: Bands
+) -> list[tuple[Floats, Floats]]:
+    """Return what `_sum_on_processor` does, of planes on a GPU, from which only the sums are copied."""
+    windows, views = prepared.context.windows, len(prepared.views)
+    side, rows = compute_tile_side(windows.scale), bands[0][1] - bands[0][0] - 2 * windows.levels_px
+    tiles = max(0, rows // side), s.shape[1] // side
+    if 0 in tiles:
+        nothing = np.zeros((views, *tiles))
+        return [(nothing, nothing)] * len(bands)
+    found = prepared.context.kernels.replay(_sum_all_tiles, s, depth_steps, prepared, bands)
+    sums = np.asarray(found, np.float64).reshape(len(bands), views, 2, *tiles)
+    return [(of_band[:, 0], of_band[:, 1]) for of_band in sums]
+
+
+def _sum_all_tiles(
+    s: Floats, depth_steps: NDArray[np.bool_], prepared: PreparedFrame, bands: Bands
+) -> NDArray[np.float32]:
+    """Return (bands · views · 2, tiles) the sums of information and pull on a GPU."""
+    windows = prepared.context.windows
+    side, levels_px = compute_tile_side(windows.scale), windows.levels_px
+    planes: list[NDArray[np.float32]] = []
+    for of_band, (first, end) in zip(_form_equations(s, prepared, bands), bands, strict=True):
+        smooth, inner = ~depth_steps[first:end], slice(levels_px, end - first - levels_px)
+        selected = (_select(plane, smooth)[inner] for of_view in of_band for plane in of_view)
+        planes += [average_blocks(plane, side) * np.float32(side**2) for plane in selected]
+    rows, columns = (axis.ravel() for axis in np.indices(planes[0].shape))
+    return prepared.context.kernels.gather(planes, columns, rows, np.zeros((1, 2), int), threads=1)
 
 
 def _accumulate_tiles(

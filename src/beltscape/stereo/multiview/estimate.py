@@ -21,13 +21,18 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
-from beltscape.kernels.planes import PixelKernels, find_pixel_kernels
+from beltscape.kernels.planes import FoundPixels, PixelKernels
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
+from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.correlated_noise import inflate_sigma
 from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState, compute_initial_features
-from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel, split_pixels
-from beltscape.stereo.multiview.refined_features import RefinementInputs
+from beltscape.stereo.multiview.parallel import Pixels, find_pixels, run_pair, run_parallel, split_pixels
+from beltscape.stereo.multiview.refined_features import (
+    RefinementInputs,
+    RefinementStart,
+    begin_refinement,
+)
 from beltscape.stereo.multiview.surface import Surface
 
 CONTRADICTION = 0.4
@@ -71,6 +76,22 @@ class Prediction(NamedTuple):
     """Logarithm of the sigma of s, px."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedDepth:
+    """What a depth estimate is combined from."""
+
+    prediction: Prediction
+    """Of every pixel (H, W)."""
+    sigma: Floats
+    """(H, W) px, with the excess of correlated noise."""
+    inputs: ConfidenceInputs
+    mean_cost: Floats
+    """(H, W) mean dissimilarity around a pixel."""
+    textured: NDArray[np.bool_]
+    """(H, W) of the matcher's state, as ``filled``."""
+    filled: NDArray[np.bool_]
+
+
 def estimate_depth(state: MatcherState) -> DepthEstimate:
     """Return inverse depth, sigma, confidence and views of a matched surface.
 
@@ -79,30 +100,35 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     Without a candidate selection the initial features are used. The training frames have white noise; the effect of
     correlated noise is added to sigma afterwards.
     """
+    return combine_estimate(predict_depth(state))
+
+
+def predict_depth(state: MatcherState) -> PredictedDepth:
+    """Return what `estimate_depth` combines, see there."""
     context = state.prepared.context
-    inputs, features = context.kernels.replay(_compute_inputs, state)
     if state.selection is None:
-        network = load_network("fast_confidence")
-        outputs = network.evaluate(features, context.kernels, context.threads)
-        prediction = Prediction(inputs.surface.s, *outputs)
+        inputs, features, prediction = context.kernels.replay(_predict_fast, state)
     else:
-        network, refinement = (
-            load_network("confidence"),
-            RefinementInputs.from_selection(inputs, features, state.selection),
+        start = context.kernels.replay(_begin_refinement, state, state.selection)
+        inputs, features = start.inputs, start.initial_features
+        refinement, prediction, uncertain = context.kernels.replay(
+            _predict, start, start.list_doubtful_pixels()
         )
-        outputs = network.evaluate(refinement.planes, context.kernels, context.threads)
-        prediction = refine_uncertain_pixels(Prediction(inputs.surface.s, *outputs), refinement)
-    sigma, confidence = run_pair(
-        lambda: inflate_sigma(np.exp(prediction.log_sigma), inputs),
-        lambda: 1 / (1 + np.exp(-prediction.logit)),
-        context.threads,
-    )
-    contradicted = (inputs.agreeing == 0) & (features["mean cost"] > CONTRADICTION)
-    measurable = np.isfinite(inputs.prepared.core) & (state.textured | state.filled) & ~contradicted
+        prediction = refine_uncertain_pixels(prediction, refinement, uncertain)
+    sigma = inflate_sigma(np.exp(prediction.log_sigma), inputs)
+    return PredictedDepth(prediction, sigma, inputs, features["mean cost"], state.textured, state.filled)
+
+
+def combine_estimate(predicted: PredictedDepth) -> DepthEstimate:
+    """Return the estimate; only a pixel that is seen, has texture and is not contradicted has a confidence."""
+    prediction, inputs = predicted.prediction, predicted.inputs
+    confidence = 1 / (1 + np.exp(-prediction.logit))
+    contradicted = (inputs.agreeing == 0) & (predicted.mean_cost > CONTRADICTION)
+    measurable = np.isfinite(inputs.prepared.core) & (predicted.textured | predicted.filled) & ~contradicted
     valid = np.isfinite(prediction.s) & (inputs.visible > 0) & measurable
     return DepthEstimate(
         surface=Surface(prediction.s, inputs.surface.slope_u, inputs.surface.slope_v),
-        sigma=sigma,
+        sigma=predicted.sigma,
         confidence=np.where(valid, confidence, np.float32(0)),
         views=np.where(valid, inputs.visible, np.uint8(0)),
     )
@@ -114,12 +140,44 @@ def _compute_inputs(state: MatcherState) -> tuple[ConfidenceInputs, dict[str, Fl
     return inputs, compute_initial_features(inputs)
 
 
-def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) -> Prediction:
-    """Return the prediction (H, W) with that of the refinement network at uncertain pixels."""
-    uncertain = mask_uncertain(prediction.logit) & np.isfinite(prediction.s)
-    kernels = find_pixel_kernels(prediction.logit)
-    if kernels:
-        pixels = kernels.list_pixels(uncertain)
+def _predict_fast(state: MatcherState) -> tuple[ConfidenceInputs, dict[str, Floats], Prediction]:
+    """Return inputs, features and prediction without a candidate selection."""
+    context = state.prepared.context
+    inputs, features = _compute_inputs(state)
+    outputs = load_network("fast_confidence").evaluate(features, context.kernels, context.threads)
+    return inputs, features, Prediction(inputs.surface.s, *outputs)
+
+
+def _begin_refinement(state: MatcherState, selection: Selection) -> RefinementStart:
+    """Return what the refinement begins with, for the matched surface."""
+    return begin_refinement(*_compute_inputs(state), selection)
+
+
+def _predict(
+    start: RefinementStart, doubtful: Pixels | NDArray[np.bool_]
+) -> tuple[RefinementInputs, Prediction, FoundPixels | NDArray[np.bool_]]:
+    """Return the inputs of the refinement, the prediction (H, W) before it, and the pixels to be refined."""
+    inputs, context = RefinementInputs.from_start(start, doubtful), start.context
+    outputs = load_network("confidence").evaluate(inputs.planes, context.kernels, context.threads)
+    prediction = Prediction(inputs.surface.s, *outputs)
+    return inputs, prediction, find_uncertain_pixels(prediction)
+
+
+def find_uncertain_pixels(prediction: Prediction) -> FoundPixels | NDArray[np.bool_]:
+    """Return the pixels that are refined, of a prediction (H, W)."""
+    return find_pixels(mask_uncertain(prediction.logit) & np.isfinite(prediction.s))
+
+
+def refine_uncertain_pixels(
+    prediction: Prediction,
+    inputs: RefinementInputs,
+    uncertain: FoundPixels | NDArray[np.bool_] | None = None,
+) -> Prediction:
+    """Return the prediction (H, W) with that of the refinement network at uncertain pixels, found already or not."""
+    if uncertain is None:
+        uncertain = find_uncertain_pixels(prediction)
+    if isinstance(uncertain, FoundPixels):
+        pixels = uncertain.cut()
         if not len(pixels[0]):
             return prediction
         return inputs.context.kernels.replay(_refine_at, pixels, prediction, inputs)

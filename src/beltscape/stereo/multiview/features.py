@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,13 +52,12 @@ class ImageFeatures(NamedTuple):
 def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     """Return the features of the core's image, and where it has texture."""
     kernels = prepared.context.kernels
-    found = kernels.replay(_compare_all, prepared)
-    planes = {name: kernels.keep(plane) for name, plane in found.items()}
-    return ImageFeatures(planes, _mask_textured(prepared))
+    found, textured = kernels.replay(_compare_all, prepared)
+    return ImageFeatures({name: kernels.keep(plane) for name, plane in found.items()}, textured)
 
 
-def _compare_all(prepared: PreparedFrame) -> dict[str, Floats]:
-    return dict(_compare_with_neighbourhood(prepared))
+def _compare_all(prepared: PreparedFrame) -> ImageFeatures:
+    return ImageFeatures(dict(_compare_with_neighbourhood(prepared)), _mask_textured(prepared))
 
 
 def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Floats]]:
@@ -80,7 +78,7 @@ def _mask_textured(prepared: PreparedFrame) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels within `REACH_PX` of texture."""
     side = prepared.context.windows.boxes[TEXTURE_PX][0]
     texture = compute_texture_ratio(prepared.filled_core, prepared.noise.levels, side)
-    return np.asarray(cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE)
+    return dilate(texture, (REACH_PX, REACH_PX)) > TEXTURE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

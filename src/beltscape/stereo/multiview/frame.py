@@ -18,6 +18,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import FrameNumbers, Kernels
 from beltscape.kernels.planes import average_blocks, to_single
+from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
     compute_levels_and_gains,
@@ -249,36 +250,38 @@ def _place_on_grid(
 
 def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
     """Return the frame on a grid of half the width and height."""
-    halved, core = prepared.context.kernels.replay(_halve_levels, prepared)
+    return prepared.context.kernels.replay(_halve_levels, prepared)
+
+
+def _halve_levels(prepared: PreparedFrame) -> PreparedFrame:
+    context = prepared.context.halve()
+    core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
+    valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
     noise = replace(
         prepared.noise,
         levels=prepared.noise.levels / 4,
         model=_MODEL_VARIANCE,
         texture=_find_strongest_texture(core),
     )
-    return halved.with_noise(noise)
-
-
-def _halve_levels(prepared: PreparedFrame) -> tuple[PreparedFrame, NDArray[np.float32]]:
-    """Return the frame on a grid of half the width and height, with the larger noise, and its core without NaN."""
-    context = prepared.context.halve()
-    core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
-    valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
-    halved = PreparedFrame(
+    return PreparedFrame(
         core=np.where(valid_share < 1, np.float32(np.nan), core),
         images=(on_grid := tuple(map(context.kernels.keep, images))),
         coefficients=tuple(
             context.kernels.spline_coefficients(image, threads=context.threads) for image in on_grid
         ),
         views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
-        noise=prepared.noise,
+        noise=noise,
         context=context,
     )
-    return halved, core
 
 
-def _find_strongest_texture(core: NDArray[np.float32]) -> float:
-    return float(np.percentile(compute_local_variance(core, 4), _STRONG))
+def _find_strongest_texture(core: NDArray[np.float32]) -> Any:
+    """Return the strongest texture's variance, levels²: a number, on a GPU where the core is."""
+    variance = compute_local_variance(core, 4)
+    kernels = find_statistics_kernels(variance)
+    if kernels:
+        return kernels.find_quantile([variance], _STRONG / 100)
+    return float(np.percentile(variance, _STRONG))
 
 
 def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.system_calls import count_usable_cores
-from beltscape.kernels.planes import find_pixel_kernels
+from beltscape.kernels.planes import FoundPixels, find_pixel_kernels
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -32,15 +32,20 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
         return list(pool.map(call, jobs))
 
 
-def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
-    """Return the pixels of a mask (H, W) row by row, in parts of at most ``most``."""
+def find_pixels(mask: NDArray[np.bool_]) -> FoundPixels | NDArray[np.bool_]:
+    """Return the pixels of a mask (H, W) on a GPU, whose number the processor need not know yet; else the mask."""
     kernels = find_pixel_kernels(mask)
+    return kernels.find_pixels(mask) if kernels else mask
+
+
+def split_pixels(found: FoundPixels | NDArray[np.bool_], most: int) -> list[Pixels]:
+    """Return the pixels of `find_pixels` row by row, in parts of at most ``most``."""
     rows: Any
     columns: Any
-    if kernels:
-        rows, columns = kernels.list_pixels(mask.view(np.uint8))
+    if isinstance(found, FoundPixels):
+        rows, columns = found.cut()
     else:
-        rows, columns = np.unravel_index(np.flatnonzero(mask), mask.shape)
+        rows, columns = np.unravel_index(np.flatnonzero(found), found.shape)
     parts = (slice(first, first + most) for first in range(0, len(rows), most))
     return [(rows[part], columns[part]) for part in parts]
 

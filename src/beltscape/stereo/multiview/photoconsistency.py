@@ -11,16 +11,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
-from beltscape.kernels.planes import PixelKernels, find_pixel_kernels, interpolate_plane
+from beltscape.kernels.planes import FoundPixels, PixelKernels, blur, interpolate_plane, to_single
 from beltscape.kernels.selection import PhotoConsistency
+from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.frame import Noise, PreparedFrame
-from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel
+from beltscape.stereo.multiview.parallel import Pixels, find_pixels, run_pair, run_parallel
 from beltscape.stereo.multiview.surface import OCCLUDER_PX, Surface, fill_nan, subsample_projection
 
 _STRIDE = 4
@@ -34,6 +36,8 @@ _PRIOR = 0.01
 _NOISE, _LEVEL, _SLOPE = 3.0, 0.05, 0.15
 """Contributions to the variance: noise of two images and of interpolation (in noise variances), share of the level,
 and px by which the sample may be displaced."""
+_SOBEL = _SLOPE / 8 * np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]], np.float32)
+"""Weights (3, 3) of the difference along a row over `_SLOPE` px: Sobel's, as OpenCV has them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,15 +63,7 @@ def estimate_gain(
         lambda: compute_difference_variance(prepared.filled_core, prepared.noise),
         prepared.context.threads,
     )
-    kernels = prepared.context.kernels
-    gains = [kernels.keep(gain) for gain in gains]
-    return kernels.replay(_enlarge_gains, gains, kernels.keep(variance), (s.shape[1], s.shape[0]))
-
-
-def _enlarge_gains(
-    gains: list[NDArray[np.float32]], variance: NDArray[np.float32], size: tuple[int, int]
-) -> PhotometricGain:
-    return PhotometricGain([interpolate_plane(gain, size) for gain in gains], variance)
+    return PhotometricGain([interpolate_plane(gain, (s.shape[1], s.shape[0])) for gain in gains], variance)
 
 
 def _estimate_coarse_gains(
@@ -80,31 +76,44 @@ def _estimate_coarse_gains(
     """
     context, box = prepared.context, prepared.context.windows.boxes[_WINDOW]
     stride = (slice(_STRIDE // 2, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE))
-    coarse_s = np.ascontiguousarray(s[stride], np.float32)
-    core, cost, core_with_gaps = (np.asarray(x[stride]) for x in (prepared.filled_core, cost, prepared.core))
-    similarity = (_COST_SCALE / (_COST_SCALE + cost)) ** 2 * np.isfinite(core_with_gaps)
+    coarse_s = s[stride].astype(np.float32, copy=False)
+    core, cost, core_with_gaps = (x[stride] for x in (prepared.filled_core, cost, prepared.core))
+    similarity = np.square(_COST_SCALE / (_COST_SCALE + cost)) * np.isfinite(core_with_gaps)
 
     def estimate_one(view: Floats, coefficients: Floats, buffer: Floats) -> NDArray[np.float32]:
         coarse_view = subsample_projection(view, _STRIDE)
         level, _ = context.kernels.warp(coarse_s, coarse_view, coefficients, threads=1)
         visible = context.kernels.visible(coarse_s, coarse_view, buffer, OCCLUDER_PX, threads=1)
-        level, visible = np.asarray(level), np.asarray(visible)
         weight = np.where(np.isfinite(level) & (visible > 0), similarity, 0)
         level = fill_nan(level)
-        cross, square = (np.asarray(weight * level * x, np.float32) for x in (core, level))
-        total = float(square.sum())
-        overall = float(cross.sum()) / total if total > 0 else 1.0
-        prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
-        gain = (cv2.blur(cross, box) + overall * prior) / (cv2.blur(square, box) + prior)
-        return np.asarray(gain, np.float32)
+        cross, square = ((weight * level * x).astype(np.float32, copy=False) for x in (core, level))
+        overall, prior = _find_overall_gain(cross, square)
+        gain = (blur(cross, box) + overall * prior) / (blur(square, box) + prior)
+        return gain.astype(np.float32, copy=False)
 
     views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
     return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
 
 
+def _find_overall_gain(cross: Floats, square: Floats) -> tuple[Any, Any]:
+    """Return the gain of the whole image, and the weight that it has in every window; of a GPU's planes on it."""
+    kernels = find_statistics_kernels(square)
+    if kernels:
+        mean, mean_square = kernels.average_plane(cross), kernels.average_plane(square)
+        overall = np.where(mean_square > 0, mean / mean_square, np.float32(1))
+        return overall, np.maximum(_PRIOR * mean_square, 1e-6)
+    total = float(square.sum())
+    overall = float(cross.sum()) / total if total > 0 else 1.0
+    return overall, np.float32(max(_PRIOR * total / square.size, 1e-6))
+
+
 def compute_difference_variance(core: Floats, noise: Noise) -> NDArray[np.float32]:
     """Return the (H, W) variance, levels², of the difference between an auxiliary's and the core's level."""
-    core = np.asarray(core)
+    kernels = find_statistics_kernels(core)
+    if kernels:
+        slopes = (kernels.filter_plane(core, weights) for weights in (_SOBEL, _SOBEL.T))
+        across, down = map(np.square, slopes)
+        return across + down + np.square(core * np.float32(_LEVEL)) + _NOISE * to_single(noise.levels)
     across, down = (cv2.Sobel(core, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
     variance = cv2.accumulateSquare(down, variance)
@@ -150,20 +159,32 @@ def compute_photo_consistency_features(
     yield "share of visible views", consistency.views / np.float32(auxiliaries)
 
 
+def find_doubtful_pixels(initial_confidence: Floats) -> FoundPixels | NDArray[np.bool_]:
+    """Return the pixels below `PHOTOMETRIC_LIMIT` of the initial confidence (H, W)."""
+    return find_pixels(initial_confidence < PHOTOMETRIC_LIMIT)
+
+
 def compute_photometric_features(
-    surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel
+    surface: Surface,
+    initial_confidence: Floats,
+    consistency: PhotoConsistencyModel,
+    doubtful: Pixels | FoundPixels | NDArray[np.bool_] | None = None,
 ) -> Iterator[tuple[str, Floats]]:
-    """Yield the photo-consistency (H, W) by name, evaluated below `PHOTOMETRIC_LIMIT`.
+    """Yield the photo-consistency (H, W) by name, evaluated at the ``doubtful`` pixels of `find_doubtful_pixels`.
 
     The other pixels count as consistent and visible in no view.
     """
     prepared = consistency.prepared
     auxiliaries = len(prepared.images)
-    kernels = find_pixel_kernels(initial_confidence)
-    if kernels:
-        yield from _compute_on_device(surface, initial_confidence, consistency, kernels)
+    if doubtful is None:
+        doubtful = find_doubtful_pixels(initial_confidence)
+    if isinstance(doubtful, FoundPixels):
+        doubtful = doubtful.cut()
+    if isinstance(doubtful, tuple):
+        given = doubtful, surface, initial_confidence, consistency
+        yield from prepared.context.kernels.replay(_compute_at, *given).items()
         return
-    places = np.flatnonzero(initial_confidence < PHOTOMETRIC_LIMIT)
+    places = np.flatnonzero(doubtful)
     if not len(places):
         places = np.zeros(1, int)
     planes = surface.s, surface.slope_u, surface.slope_v
@@ -182,15 +203,6 @@ def _list_consistent_values(auxiliaries: int) -> dict[str, float]:
     consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in PhotoConsistency._fields))
     features = compute_photo_consistency_features(consistent, auxiliaries)
     return {name: values.item() for name, values in features}
-
-
-def _compute_on_device(
-    surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel, kernels: PixelKernels
-) -> Iterator[tuple[str, Floats]]:
-    """Yield what `compute_photometric_features` does, of planes on a GPU."""
-    pixels = kernels.list_pixels(initial_confidence < PHOTOMETRIC_LIMIT)
-    given = pixels, surface, initial_confidence, consistency
-    yield from consistency.prepared.context.kernels.replay(_compute_at, *given).items()
 
 
 def _compute_at(

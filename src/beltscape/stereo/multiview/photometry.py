@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
-from beltscape.kernels.planes import blur
+from beltscape.kernels.planes import blur, to_single
+from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.parallel import run_parallel
 
 WINDOW_PX = 7
@@ -129,21 +130,34 @@ def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -
     The variance that a plane explains is subtracted: linear shading does not identify a pixel. Bright regions are
     noisier than ``noise``, the variance of the quietest blocks; their noise is estimated from the Laplacian.
     """
-    level = np.asarray(level)
     reach = np.arange(side, dtype=np.float32) - side // 2
     even, slope = np.full(side, 1 / side, np.float32), reach / np.square(reach).sum()
-    mean, square = (
-        cv2.blur(x, (side, side), borderType=cv2.BORDER_REPLICATE) for x in (level, level * level)
-    )
-    across, down = (
-        cv2.sepFilter2D(level, cv2.CV_32F, *kernels, borderType=cv2.BORDER_REPLICATE)
-        for kernels in ((slope, even), (even, slope))
-    )
+    mean, square = (blur(x, (side, side), repeat_edge=True) for x in (level, level * level))
+    across, down = (_filter_separably(level, *each) for each in ((slope, even), (even, slope)))
     texture = square - mean * mean - (across * across + down * down) * np.square(reach).mean()
-    edges = cv2.filter2D(level, -1, _LAPLACIAN)
+    edges = _filter(level, _LAPLACIAN)
     rough = compute_local_mean(np.abs(edges, out=edges)) * np.float32(np.sqrt(np.pi / 2) / 6)
     rough *= rough
-    return np.asarray(texture / rough.clip(noise / _BRIGHTEST, noise * _BRIGHTEST, out=rough), np.float32)
+    if find_statistics_kernels(level):
+        noise = to_single(noise)
+    ratio = texture / rough.clip(noise / _BRIGHTEST, noise * _BRIGHTEST, out=rough)
+    return ratio.astype(np.float32, copy=False)
+
+
+def _filter(level: NDArray[np.float32], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the sums (H, W) over windows with weights (h, w), where the level is."""
+    kernels = find_statistics_kernels(level)
+    return kernels.filter_plane(level, weights) if kernels else cv2.filter2D(level, -1, weights)
+
+
+def _filter_separably(
+    level: NDArray[np.float32], across: NDArray[np.float32], down: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return the sums (H, W) over windows with weights (w,) along rows and (h,) along columns."""
+    kernels = find_statistics_kernels(level)
+    if kernels:
+        return kernels.filter_plane(level, np.outer(down, across), repeat_edge=True)
+    return cv2.sepFilter2D(level, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
 
 
 def _compute_channel_weights(images: list[Image]) -> NDArray[np.float32]:

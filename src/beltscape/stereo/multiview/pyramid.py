@@ -19,12 +19,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN
+from beltscape.kernels import Kernels
+from beltscape.kernels.planes import to_single
+from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.depth_range import (
     compute_robust_range,
     find_reliable_matches,
@@ -75,10 +79,15 @@ def initialise_inverse_depth(
     prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
 ) -> NDArray[np.float32]:
     """Return (H, W) inverse depth s of a plane sweep within ``s_range`` = (far, near)."""
-    if s_range[1] - s_range[0] > _MANY_PLANES * resolution.plane_step:
+    if _is_wide(s_range, resolution):
         s_range = _narrow_range(prepared, s_range, resolution)
     swept, _ = sweep_planes(shrink_frame(prepared, resolution.shrink), s_range, resolution.plane_step)
     return enlarge_blocks(swept, resolution.shrink, prepared.core.shape)
+
+
+def _is_wide(s_range: tuple[float, float], resolution: SweepResolution) -> bool:
+    """Return whether coarse matching narrows the range first, so that the planes depend on the images."""
+    return s_range[1] - s_range[0] > _MANY_PLANES * resolution.plane_step
 
 
 def _narrow_range(
@@ -112,45 +121,63 @@ _SCALE = (1 / 16, 64.0)
 
 
 def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
-    """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
-    noise = prepared.noise
-    bands = np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int)
+    """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows.
+
+    Its numbers are on a GPU where the surface is.
+    """
+    s, noise = surface.s, prepared.noise
+    bands = np.linspace(0, max(0, len(s) - _ROWS), _BANDS).astype(int)
     apart = 2 if len(prepared.views) >= _MANY_VIEWS else 1
     jobs = [
-        partial(
-            _compute_squared_residuals, surface.s, prepared, int(first), slice(number % apart, None, apart)
-        )
+        partial(_compute_squared_residuals, s, prepared, int(first), slice(number % apart, None, apart))
         for number, first in enumerate(bands)
     ]
-    ratios = np.concatenate([each for band in run_parallel(jobs, prepared.context.threads) for each in band])
-    if not ratios.size:
-        return noise
-    scale = float(np.clip(np.median(ratios) / CHI2_MEDIAN, *_SCALE))
+    ratios = [each for band in run_parallel(jobs, prepared.context.threads) for each in band]
+    scale = _find_scale(ratios)
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
+
+
+def _find_scale(ratios: list[Floats]) -> Any:
+    """Return the factor that makes squared residuals over their variance those of a normal distribution."""
+    kernels = find_statistics_kernels(ratios[0])
+    if kernels:
+        ratio = kernels.find_quantile(ratios, 0.5) / CHI2_MEDIAN
+        return np.where(np.isfinite(ratio), np.clip(ratio, *_SCALE), np.float32(1))
+    found = np.concatenate(ratios)
+    return float(np.clip(np.median(found) / CHI2_MEDIAN, *_SCALE)) if found.size else 1.0
 
 
 def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int, views: slice) -> list[Floats]:
     """Return the squared residuals of some views over their variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
-    core, core_with_gaps = (np.asarray(plane[rows]) for plane in (prepared.filled_core, prepared.core))
+    core, core_with_gaps = prepared.filled_core[rows], prepared.core[rows]
     core_level, core_variance = _normalise(core, noise.floor)
-    textured = np.isfinite(core_with_gaps) & (core_variance >= np.median(core_variance))
+    textured = np.isfinite(core_with_gaps) & (core_variance >= _find_median(core_variance))
     band = s[rows]
     residuals: list[Floats] = []
     for view, coefficients in zip(prepared.views[views], prepared.coefficients[views], strict=True):
         warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
-        warped = np.asarray(warped)
         valid = np.isfinite(warped)
         level, variance = _normalise(np.where(valid, warped, core), noise.floor)
-        expected = np.float32(noise.levels) * (1 / core_variance + 1 / variance) + np.float32(noise.model)
-        residuals.append(((core_level - level) ** 2 / expected)[valid & textured])
+        expected = to_single(noise.levels) * (1 / core_variance + 1 / variance) + to_single(noise.model)
+        residuals.append(_take(np.square(core_level - level) / expected, valid & textured))
     return residuals
+
+
+def _find_median(values: Floats) -> Any:
+    kernels = find_statistics_kernels(values)
+    return kernels.find_quantile([values], 0.5) if kernels else np.median(values)
+
+
+def _take(values: Floats, mask: NDArray[np.bool_]) -> Floats:
+    """Return the values (N,) in a mask; on a GPU all of them (H, W), with NaN outside the mask."""
+    return np.where(mask, values, np.float32(np.nan)) if find_statistics_kernels(values) else values[mask]
 
 
 def _normalise(level: Floats, floor: float) -> tuple[Floats, Floats]:
     mean, variance = compute_local_moments(level)
-    variance = variance + np.float32(floor)
+    variance = variance + to_single(floor)
     return (level - mean) / np.sqrt(variance), variance
 
 
@@ -175,8 +202,8 @@ class PyramidSolver:
         The frame is returned with the noise estimated from this surface's residuals.
         """
         has_coarser = self.settings.has_coarser_grid(prepared.core.shape[1])
-        surface = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
-        return surface, prepared.with_noise(estimate_noise(surface, prepared))
+        surface, noise = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
+        return surface, prepared.with_noise(noise)
 
     def propagate(
         self, surface: Surface, prepared: PreparedFrame
@@ -189,27 +216,33 @@ class PyramidSolver:
             propagated, solution = prepared.context.kernels.replay(
                 _run_round, surface, prepared, distances, alternating, settings.round_tolerances_px, narrow
             )
-            if turn + 1 == settings.rounds or _compute_changed_share(surface, propagated.surface) < _SETTLED:
+            if turn + 1 == settings.rounds or _is_settled(
+                surface, propagated.surface, prepared.context.kernels
+            ):
                 self.on_step()
                 return propagated, solution
             surface = solution.surface
         raise ValueError("propagation needs at least one round")
 
-    def _solve_half(self, prepared: PreparedFrame) -> Surface:
-        """Return the surface of the grid of half the resolution, enlarged."""
+    def _solve_half(self, prepared: PreparedFrame) -> tuple[Surface, Noise]:
+        """Return the surface of the grid of half the resolution, enlarged, and the noise on it."""
         _, solution = self.propagate(*self.initialise(halve_frame(prepared)))
-        return double_surface(solution.surface, prepared.core.shape)
+        return prepared.context.kernels.replay(_enlarge, solution.surface, prepared)
 
-    def _sweep(self, prepared: PreparedFrame) -> Surface:
-        """Return the optimised surface of a sweep."""
+    def _sweep(self, prepared: PreparedFrame) -> tuple[Surface, Noise]:
+        """Return the optimised surface of a sweep, and the noise on it."""
         settings, context = self.settings, prepared.context
         unit = context.inverse_depth_scale
         near, far = self.depth_range_mm
         resolution = SweepResolution(settings.shrink(prepared.core.shape[1]), settings.plane_step_px)
         s_range = 1 / (far * unit), 1 / (near * unit)
-        s = initialise_inverse_depth(prepared, s_range, resolution)
+        if _is_wide(s_range, resolution):
+            s = initialise_inverse_depth(prepared, s_range, resolution)
+            found = context.kernels.replay(_fit_swept_surface, s, prepared)
+        else:
+            found = context.kernels.replay(_sweep_and_fit, prepared, s_range, resolution)
         self.on_step()
-        return context.kernels.replay(_fit_swept_surface, s, prepared)
+        return found
 
 
 def _run_round(
@@ -225,13 +258,36 @@ def _run_round(
     return propagated, solve_least_squares(propagated.surface, prepared, tolerances_px, radii)
 
 
-def _fit_swept_surface(s: NDArray[np.float32], prepared: PreparedFrame) -> Surface:
-    """Return the first surface after the sweep, which gave its inverse depth s (H, W)."""
+def _sweep_and_fit(
+    prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
+) -> tuple[Surface, Noise]:
+    """Return the first surface and the noise on it, from a sweep of planes that do not depend on the images."""
+    return _fit_swept_surface(initialise_inverse_depth(prepared, s_range, resolution), prepared)
+
+
+def _enlarge(half: Surface, prepared: PreparedFrame) -> tuple[Surface, Noise]:
+    """Return the surface of the grid of half the resolution on the prepared frame's, and the noise on it."""
+    surface = double_surface(half, prepared.core.shape)
+    return surface, estimate_noise(surface, prepared)
+
+
+def _fit_swept_surface(s: NDArray[np.float32], prepared: PreparedFrame) -> tuple[Surface, Noise]:
+    """Return the first surface after the sweep, which gave its inverse depth s (H, W), and the noise on it."""
     context = prepared.context
     surface = fit_slopes(s, context.kernels, context.threads)
-    return solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
+    surface = solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
+    return surface, estimate_noise(surface, prepared)
 
 
-def _compute_changed_share(before: Surface, after: Surface) -> float:
-    """Return the share of pixels whose s changed by more than `_CHANGED_PX`."""
-    return np.count_nonzero(np.abs(after.s - before.s) > _CHANGED_PX) / after.s.size
+def _is_settled(before: Surface, after: Surface, kernels: Kernels) -> bool:
+    """Return whether hardly a pixel changed; the processor waits for it."""
+    return float(kernels.replay(_compute_changed_share, before, after)) < _SETTLED
+
+
+def _compute_changed_share(before: Surface, after: Surface) -> Any:
+    """Return the share of pixels whose s changed by more than `_CHANGED_PX`: a number, on a GPU where s is."""
+    changed = np.abs(after.s - before.s) > _CHANGED_PX
+    kernels = find_statistics_kernels(changed)
+    if kernels:
+        return kernels.average_plane(changed.astype(np.float32))
+    return np.count_nonzero(changed) / after.s.size

@@ -5,23 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_range
-from beltscape.core.arrays import Floats
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
-from beltscape.kernels.planes import to_processor
+from beltscape.kernels.planes import FoundPixels, find_plane_kernels, repeat_blocks, to_processor
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
-from beltscape.stereo.multiview.candidates import PIXEL_FEATURES, Selection, select_candidates
-from beltscape.stereo.multiview.estimate import DepthEstimate, estimate_depth
+from beltscape.stereo.multiview.candidates import (
+    PIXEL_FEATURES,
+    CandidateSelector,
+    Selection,
+    begin_selection,
+    finish_selection,
+)
+from beltscape.stereo.multiview.estimate import (
+    DepthEstimate,
+    PredictedDepth,
+    combine_estimate,
+    predict_depth,
+)
 from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
     MatcherState,
@@ -91,8 +101,9 @@ class MultiviewReconstructor:
     def _estimate_depth_map(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         state = self.match(frame_set, names, reporter)
-        estimate = estimate_depth(state)
-        return make_depth_map(estimate, state.prepared.context, self.settings.least_confidence)
+        predicted, context = predict_depth(state), state.prepared.context
+        planes = context.kernels.replay(_combine_planes, predicted, context, self.settings.least_confidence)
+        return _pad_planes(planes, context)
 
     def match(self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter) -> MatcherState:
         """Return the final surface of one frame; each step is reported."""
@@ -108,7 +119,9 @@ class MultiviewReconstructor:
         on_step()
         surface = discs.surface
         if selection is not None:
-            surface = selection.surface.replace_where(discs.mask, discs.surface)
+            surface = selection.surface
+            if discs.mask.any():
+                surface = surface.replace_where(discs.mask, discs.surface)
         solution = self.solve_finally(surface, prepared)
         on_step()
         return replace(state, solution=solution, filled=discs.mask, selection=selection)
@@ -131,8 +144,7 @@ class MultiviewReconstructor:
         """Return the surface after the candidate selection of uncertain pixels; None without it."""
         if not self.settings.candidate_selection:
             return None
-        planes = state.prepared.context.kernels.replay(_compute_selection_planes, state)
-        return select_candidates(state.solution.surface, planes, state.prepared)
+        return finish_selection(*state.prepared.context.kernels.replay(_begin_selection, state))
 
     def solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
         """Return the surface after the last iteration."""
@@ -140,10 +152,11 @@ class MultiviewReconstructor:
         return prepared.context.kernels.replay(iterate, surface, prepared, self.settings.final_tolerance_px)
 
 
-def _compute_selection_planes(state: MatcherState) -> dict[str, Floats]:
-    """Return the planes (H, W) by name that the candidate selection takes."""
+def _begin_selection(state: MatcherState) -> tuple[CandidateSelector, FoundPixels | NDArray[np.bool_]]:
+    """Return what the candidate selection begins with, from the features of the matched surface."""
     planes = compute_selection_features(ConfidenceInputs.from_state(state))
-    return {name: planes[name] for name in PIXEL_FEATURES}
+    chosen = {name: planes[name] for name in PIXEL_FEATURES}
+    return begin_selection(state.solution.surface, chosen, state.prepared)
 
 
 def _iterate(surface: Surface, prepared: PreparedFrame, tolerance_px: float) -> LeastSquaresResult:
@@ -159,8 +172,28 @@ def _iterate_with_twicing(
     return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
 
 
+class DepthPlanes(NamedTuple):
+    """The planes (H, W) of a depth map without the last rows and columns that fill no block."""
+
+    depth: NDArray[np.floating]
+    """mm"""
+    sigma_mm: NDArray[np.floating]
+    views: NDArray[np.uint8]
+    confidence: NDArray[np.floating]
+
+
 def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confidence: float) -> DepthMap:
     """Return the depth of sufficiently confident pixels on the core's full grid."""
+    return _pad_planes(_make_planes(estimate, context, least_confidence), context)
+
+
+def _combine_planes(predicted: PredictedDepth, context: MatchContext, least_confidence: float) -> DepthPlanes:
+    """Return the planes of the depth map for what the estimate is combined from."""
+    return _make_planes(combine_estimate(predicted), context, least_confidence)
+
+
+def _make_planes(estimate: DepthEstimate, context: MatchContext, least_confidence: float) -> DepthPlanes:
+    """Return the planes of a depth map on the grid's whole blocks."""
     unit, step = context.inverse_depth_scale, context.step
     s = upsample_surface(estimate.surface, step)
     sigma, confidence, views = (
@@ -170,12 +203,22 @@ def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confide
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(accepted, 1 / (s * np.float32(unit)), np.float32(np.nan))
         sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32, copy=False)
+    return DepthPlanes(
+        depth,
+        sigma_mm,
+        np.where(accepted, views, np.uint8(0)),
+        np.where(accepted, confidence, np.float32(0)),
+    )
+
+
+def _pad_planes(planes: DepthPlanes, context: MatchContext) -> DepthMap:
+    """Return the depth map of the core's full grid."""
     size_px = context.rig.core_camera.size_px
     return DepthMap(
-        _pad(to_processor(depth), size_px, np.nan),
-        _pad(to_processor(sigma_mm), size_px, np.nan),
-        _pad(to_processor(np.where(accepted, views, np.uint8(0))), size_px, 0),
-        _pad(to_processor(np.where(accepted, confidence, np.float32(0))), size_px, 0),
+        _pad(to_processor(planes.depth), size_px, np.nan),
+        _pad(to_processor(planes.sigma_mm), size_px, np.nan),
+        _pad(to_processor(planes.views), size_px, 0),
+        _pad(to_processor(planes.confidence), size_px, 0),
     )
 
 
@@ -183,8 +226,10 @@ def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
     """Return every value repeated over its block."""
     if step == 1:
         return values
-    values = np.asarray(values)
     height, width = values.shape
+    if find_plane_kernels(values):
+        repeated = repeat_blocks(values.astype(np.float32, copy=False), step, (height * step, width * step))
+        return repeated.astype(values.dtype, copy=False)
     return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
 
 

@@ -92,6 +92,11 @@ def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
         return surface.s
     offsets = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
     height, width = surface.s.shape
+    if find_plane_kernels(surface.s):
+        planes = surface.s, surface.slope_u, surface.slope_v
+        s, slope_u, slope_v = (enlarge_blocks(plane, step, (height * step, width * step)) for plane in planes)
+        du, dv = np.tile(offsets, width), np.tile(offsets, height)
+        return cast("NDArray[np.float32]", s + slope_u * du + slope_v * dv[:, None])
     fine = np.empty((height * step, width * step), np.float32)
     for column, du in enumerate(offsets):
         s_at_column = surface.s + surface.slope_u * du

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibration.detection.corner_consistency import place_corners, reject_outliers
 from beltscape.calibration.detection.corners import Corners, has_planar_extent
 from beltscape.calibration.detection.subpixel import refine_corners
 from beltscape.core.arrays import Array
@@ -126,8 +127,8 @@ def _order_from_dark_end(
 
 
 NEIGHBOURS = 6
-"""Tags about one whose centres place its corners, and corners found about one that place it again: five amplify the
-errors of contours, over more of them a fisheye lens bends by several px."""
+"""Tags about one whose centres place its corners: five amplify the errors of contours, over more of them a fisheye
+lens bends by several px."""
 MIN_TAGS = 5
 """Least number of tags for such a local homography; fewer place their own corners."""
 SEARCHES = 3
@@ -371,22 +372,23 @@ def _search_again(
 ) -> tuple[Array, Array]:
     """Return corners (4n, 2) searched again where none was found or its neighbours contradict it, and their places.
 
-    Tags' centres place corners of a strongly curved image, as of a fisheye lens, some px off; corners found do not.
+    Tags' centres place corners of a strongly curved image, as of a fisheye lens, some px off, and those beside a tag
+    that something covers in part by more; corners found do not.
     """
     is_found = (searched != placed).any(axis=1)
+    if is_found.sum() < MIN_CORNERS or not has_planar_extent(on_board[is_found]):
+        return searched, placed
+    size_px = (light.shape[1], light.shape[0])
+    expected = place_corners(on_board[is_found], searched[is_found], size_px)
+    if expected is None:
+        return searched, placed
     again = searched.copy()
-    for i, corner in enumerate(on_board):
-        others = np.flatnonzero(is_found & (np.arange(len(on_board)) != i))
-        near = others[
-            np.argsort(np.linalg.norm(on_board[others] - corner, axis=1), kind="stable")[:NEIGHBOURS]
-        ]
-        if len(near) < MIN_TAGS or not has_planar_extent(on_board[near]):
-            continue
-        homography, _ = cv2.findHomography(on_board[near], searched[near])
-        if homography is not None:
-            expected = cv2.perspectiveTransform(corner[None, None], homography)[0, 0]
-            is_off = np.linalg.norm(expected - searched[i]) > MAX_DISAGREEMENT_PX
-            again[i] = expected if is_off or not is_found[i] else searched[i]
+    is_off = np.linalg.norm(expected - searched[is_found], axis=1) > MAX_DISAGREEMENT_PX
+    again[is_found] = np.where(is_off[:, None], expected, searched[is_found])
+    if not is_found.all():
+        unseen = place_corners(on_board[is_found], searched[is_found], size_px, on_board[~is_found])
+        again[~is_found] = searched[~is_found] if unseen is None else unseen
+    again = np.where(np.isfinite(again), again, searched)
     is_kept = (again == searched).all(axis=1)[:, None]
     if is_kept.all():
         return searched, placed
@@ -409,7 +411,7 @@ def _refine_planar(
     unit_mm, gap = _measure_margins(board)
     luminance = -to_grey(image) if variant.inverted else to_grey(image)
     refined = refine_corners(luminance, corners, board.corners_mm()[corners.ids] / unit_mm, gap)
-    return _reject_outliers(board, refined)
+    return reject_outliers(board, refined, (luminance.shape[1], luminance.shape[0]))
 
 
 def _measure_margins(board: PlanarBoard) -> tuple[float, float]:
@@ -430,20 +432,3 @@ def _join_faces(faces: list[Corners | None], offsets: tuple[int, ...]) -> Corner
         np.concatenate([corners.ids + start for corners, start in seen]),
         np.concatenate([corners.pixels for corners, _ in seen]),
     )
-
-
-def _reject_outliers(board: PlanarBoard, corners: Corners) -> Corners | None:
-    """Return the corners that a homography of the board explains, or None if they are too few."""
-    if len(corners) < MIN_CORNERS:
-        return None
-    on_board: NDArray[np.float64] = board.corners_mm()[corners.ids]
-    if not has_planar_extent(on_board):
-        return None
-    tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # allows for lens distortion
-    homography, inlier = cv2.findHomography(on_board, corners.pixels, cv2.RANSAC, tolerance)
-    if homography is None or inlier is None:
-        return None
-    inliers = inlier.ravel().astype(bool)
-    if inliers.sum() < max(MIN_CORNERS, 0.6 * len(corners)) or not has_planar_extent(on_board[inliers]):
-        return None
-    return corners.select(inliers)

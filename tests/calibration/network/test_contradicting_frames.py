@@ -10,7 +10,10 @@ import pytest
 from beltscape.calibration.assessment.findings import list_calibration_findings
 from beltscape.calibration.assessment.fit_quality import compute_camera_fits
 from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.hierarchy import solve_hierarchy
+from beltscape.calibration.lens_review import select_suspicious_pairs
 from beltscape.calibration.network.contradicting_frames import describe_contradicting_frames
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -49,6 +52,17 @@ def see_late(
         for name, each in {**seen.views, "c01": own}.items()
     }
     return rig, replace(seen, views=views)
+
+
+def test_frames_of_a_pair_that_would_be_accused_are_looked_into():
+    rig = like_cameras(2, 3)
+    seen = detect(rig, boards_before(rig, 12, 0.4, 3), 0.04, 3, 0.0)
+    hierarchy = solve_hierarchy(seen, BOARD, None, Silent(), lens_models=dict.fromkeys(seen.cameras, "brown"))
+    adjustment = adjust_bundle(hierarchy, BOARD)
+    assert select_suspicious_pairs(hierarchy, adjustment) == []
+    worse = replace(hierarchy.network.pairs[0], rms_px=0.7)
+    network = replace(hierarchy.network, pairs=(worse,))
+    assert select_suspicious_pairs(replace(hierarchy, network=network), adjustment) == [worse]
 
 
 LEAST = 20

@@ -124,6 +124,7 @@ class Operator:
     def sign_in(self, address: str) -> None:
         """Sign in as people do."""
         self.page.goto(f"{address}/login")
+        self.page.wait_for_selector("button.primary:enabled")  # before, the page takes no Enter
         self.page.fill("input[name=name]", "ana")
         self.page.fill("input[name=password]", PASSWORD)
         self.page.press("input[name=password]", "Enter")

@@ -103,8 +103,8 @@ def _refit(
 def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> list[Pair]:
     """Return the pairs that some frames may contradict.
 
-    Their cameras fit far worse in the joint adjustment than alone, or they or the adjustment rejected whole frames, or
-    the pair would be reported as not synchronous: no camera is blamed before its frames were looked into.
+    Their cameras fit far worse in the joint adjustment than alone, or they or the adjustment rejected whole frames,
+    or the pair would be reported as not synchronous: no camera is blamed before its frames were looked into.
     """
     accused = {(pair.first, pair.second) for pair in find_unsynchronised_pairs(hierarchy)}
     own = np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in adjustment.rig.cameras])

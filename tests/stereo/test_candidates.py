@@ -13,7 +13,8 @@ from beltscape.stereo.multiview.candidates import (
     UNCERTAIN,
     CandidateSelector,
     Selection,
-    select_candidates,
+    begin_selection,
+    finish_selection,
 )
 from beltscape.stereo.multiview.features import compute_image_features, compute_initial_confidence_features
 from beltscape.stereo.multiview.surface import Surface, detect_depth_steps, fit_slopes
@@ -21,6 +22,11 @@ from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, wit
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 FAR_OFF_PX = 12.0
+
+
+def select_candidates(surface, planes, prepared) -> Selection:
+    """Return what a match selects."""
+    return finish_selection(*begin_selection(surface, planes, prepared))
 
 
 def beside_steps(made: Scene) -> np.ndarray:

@@ -104,9 +104,9 @@ def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjust
     """Return the pairs that some frames may contradict.
 
     Their cameras fit far worse in the joint adjustment than alone, or they or the adjustment rejected whole frames,
-    or the pair would be reported as not synchronous: no camera is blamed before its frames were looked into.
+    or the pair would be reported as not synchronous: it is not before its frames were looked into.
     """
-    accused = {(pair.first, pair.second) for pair in find_unsynchronised_pairs(hierarchy)}
+    unsynchronised = find_unsynchronised_pairs(hierarchy)
     own = np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in adjustment.rig.cameras])
     is_worse = adjustment.sigma_px > np.maximum(TOGETHER_FACTOR * own, TOGETHER_PX)
     worse = {name for name, flag in zip(adjustment.rig.cameras, is_worse, strict=True) if flag}
@@ -119,7 +119,7 @@ def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjust
         pair
         for pair in hierarchy.network.pairs
         if pair.rejected
-        or (pair.first, pair.second) in accused
+        or pair in unsynchronised
         or {pair.first, pair.second} & worse
         or len((lost[pair.first] | lost[pair.second]) & set(pair.frames)) >= MIN_FRAMES
     ]

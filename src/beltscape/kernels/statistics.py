@@ -1,7 +1,8 @@
 """Kernels of numbers of whole planes, such as their quantiles, and of windows with weights.
 
 A GPU computes them so that a frame's noise and texture need not be read by the processor, which would wait for it.
-Their results without axes are numbers that stay on the GPU. The processor's stages call OpenCV and NumPy themselves.
+Their results without axes are numbers that stay on the GPU. Otherwise the processor's stages call OpenCV and NumPy
+themselves.
 """
 
 from __future__ import annotations
@@ -82,3 +83,9 @@ def find_statistics_kernels(array: Any) -> StatisticsKernels | None:
     if isinstance(array, ResidentArray) and array.operations is not None:
         return StatisticsKernels(cast("Any", array.operations))
     return None
+
+
+def find_percentile(plane: Floats, percent: float) -> Any:
+    """Return a percentile of the numbers of a plane (H, W): a number, on a GPU where the plane is."""
+    kernels = find_statistics_kernels(plane)
+    return kernels.find_quantile([plane], percent / 100) if kernels else float(np.percentile(plane, percent))

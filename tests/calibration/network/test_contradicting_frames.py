@@ -54,7 +54,7 @@ def see_late(
     return rig, replace(seen, views=views)
 
 
-def test_frames_of_a_pair_that_would_be_accused_are_looked_into():
+def test_frames_of_a_pair_that_would_be_reported_are_looked_into():
     rig = like_cameras(2, 3)
     seen = detect(rig, boards_before(rig, 12, 0.4, 3), 0.04, 3, 0.0)
     hierarchy = solve_hierarchy(seen, BOARD, None, Silent(), lens_models=dict.fromkeys(seen.cameras, "brown"))

@@ -57,16 +57,19 @@ class Selection:
     """Gain with which the levels were compared."""
 
 
-def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame) -> Selection:
-    """Return the surface on which uncertain pixels near reliable ones have the most probable candidate's surface.
-
-    ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
-    """
-    return finish_selection(*prepared.context.kernels.replay(begin_selection, surface, planes, prepared))
+def begin_selection(
+    surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame
+) -> tuple[CandidateSelector, FoundPixels | NDArray[np.bool_]]:
+    """Return the selector, and the uncertain pixels; ``planes`` (H, W) are the `PIXEL_FEATURES` by name."""
+    selector = CandidateSelector.from_surface(surface, planes, prepared)
+    return selector, find_pixels(selector.mask_uncertain())
 
 
 def finish_selection(selector: CandidateSelector, uncertain: FoundPixels | NDArray[np.bool_]) -> Selection:
-    """Return what `select_candidates` does, of what `begin_selection` returns."""
+    """Return the surface on which uncertain pixels near reliable ones have the most probable candidate's surface.
+
+    The selector and the pixels are those of `begin_selection`.
+    """
     surface, context = selector.surface, selector.consistency.prepared.context
     parts = selector.split_pixels(uncertain)
     if isinstance(uncertain, FoundPixels):
@@ -89,16 +92,8 @@ def finish_selection(selector: CandidateSelector, uncertain: FoundPixels | NDArr
     return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
 
 
-def begin_selection(
-    surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame
-) -> tuple[CandidateSelector, FoundPixels | NDArray[np.bool_]]:
-    """Return the selector, and the uncertain pixels."""
-    selector = CandidateSelector.from_surface(surface, planes, prepared)
-    return selector, find_pixels(selector.mask_uncertain())
-
-
 def _select_on_device(selector: CandidateSelector, parts: Sequence[Pixels]) -> Selection:
-    """Return what `select_candidates` does, of planes on a GPU."""
+    """Return what `finish_selection` does, of planes on a GPU."""
     surface, context = selector.surface, selector.consistency.prepared.context
     selected = [surface.s, surface.slope_u, surface.slope_v, selector.planes["initial confidence"]]
     for pixels in parts:

@@ -18,7 +18,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import FrameNumbers, Kernels
 from beltscape.kernels.planes import average_blocks, to_single
-from beltscape.kernels.statistics import find_statistics_kernels
+from beltscape.kernels.statistics import find_percentile
 from beltscape.stereo.multiview.photometry import (
     are_demosaiced,
     compute_levels_and_gains,
@@ -277,11 +277,7 @@ def _halve_levels(prepared: PreparedFrame) -> PreparedFrame:
 
 def _find_strongest_texture(core: NDArray[np.float32]) -> Any:
     """Return the strongest texture's variance, levels²: a number, on a GPU where the core is."""
-    variance = compute_local_variance(core, 4)
-    kernels = find_statistics_kernels(variance)
-    if kernels:
-        return kernels.find_quantile([variance], _STRONG / 100)
-    return float(np.percentile(variance, _STRONG))
+    return find_percentile(compute_local_variance(core, 4), _STRONG)
 
 
 def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:

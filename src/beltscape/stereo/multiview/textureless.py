@@ -6,7 +6,7 @@ fitted robustly to s in a ring around it. Where the ring is one smooth surface, 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.kernels.planes import dilate, erode, find_pixel_kernels
-from beltscape.kernels.statistics import find_statistics_kernels
+from beltscape.kernels.statistics import find_percentile
 from beltscape.stereo.multiview.frame import PreparedFrame
 from beltscape.stereo.multiview.surface import Surface
 
@@ -114,17 +114,9 @@ def _compute_quantile(values: Floats, share: float) -> float:
 def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
     """Return (H, W) 1 in regions that are lit over whole windows, including their rims."""
     core, box = prepared.filled_core, prepared.context.windows.boxes[_WINDOW_PX]
-    even = (erode(core, box) > _BRIGHT[0] * _find_brightest(core[::4, ::4])).astype(np.uint8)
+    even = (erode(core, box) > _BRIGHT[0] * find_percentile(core[::4, ::4], _BRIGHT[1])).astype(np.uint8)
     grown = box[0] + 2 * int(np.ceil(_RIM_PX * prepared.context.scale))
     return dilate(even, (grown, grown))
-
-
-def _find_brightest(levels: Floats) -> Any:
-    """Return the percentile of the levels that the brightest regions have: a number, on a GPU where they are."""
-    kernels = find_statistics_kernels(levels)
-    if kernels:
-        return kernels.find_quantile([levels], _BRIGHT[1] / 100)
-    return float(np.percentile(levels, _BRIGHT[1]))
 
 
 def _fit_quadratic(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.empty_belt import Belt
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_quantile
 from beltscape.health.belt.cells import BeltCells
 
 _TERMS = 5
@@ -150,7 +150,7 @@ def _find_smooth(cells: BeltCells, belt: Belt, pixel_mm: float) -> NDArray[np.bo
     """Return which cells (N,) are as smooth as the learned belt."""
     if not len(cells):
         return np.zeros(0, bool)
-    usual = float(np.quantile(cells.scatter_mm, _SMOOTH_RANK))
+    usual = compute_quantile(cells.scatter_mm, _SMOOTH_RANK)
     limit = max(_ROUGH * belt.noise_mm, min(_ROUGH * usual, _ROUGHEST * belt.noise_mm))
     return cells.scatter_mm <= max(limit, _PIXEL_SHARE * pixel_mm)
 

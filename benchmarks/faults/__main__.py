@@ -88,7 +88,7 @@ def _write(arguments: argparse.Namespace, chosen: Sequence[Case]) -> None:
 
 
 def _read_kept(arguments: argparse.Namespace, names: set[str]) -> list[tuple[str, dict[str, KeptResult]]]:
-    """Return the kept results of some rows by the table's sections; on small images, where there are no large ones."""
+    """Return the kept results of some rows by the table's sections; on small images where there are no others."""
     long, short, imported = (
         {name: one for name, one in read_results(arguments.cache / folder).items() if name in names}
         for folder in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", IMPORTED)

@@ -79,7 +79,10 @@ def renew_rows(path: Path, sections: Sequence[tuple[str, Mapping[str, KeptResult
     Its first lines name what was renewed, at which commit and on which day. ValueError where a row is not in its
     section: then the table has to be written as a whole.
     """
-    lines, today = path.read_text("utf-8").splitlines(), datetime.datetime.now(datetime.UTC).date().isoformat()
+    lines, today = (
+        path.read_text("utf-8").splitlines(),
+        datetime.datetime.now(datetime.UTC).date().isoformat(),
+    )
     renewed: list[str] = []
     for heading, results in sections:
         for name, kept in results.items():

@@ -21,7 +21,7 @@ TUKEY = 4.685
 
 
 def compute_median(values: NDArray[np.floating]) -> float:
-    """Return the median of an array of any shape, to the bit that of NumPy; NaN where a value is, or there is none."""
+    """Return the median of an array of any shape, that of NumPy to the bit; NaN where a value is, or without any."""
     count = values.size
     if not count:
         return np.nan
@@ -34,7 +34,7 @@ def compute_median(values: NDArray[np.floating]) -> float:
 
 
 def compute_quantile(values: NDArray[np.floating], share: float) -> float:
-    """Return a quantile of an array of any shape, to the bit that of NumPy; NaN where a value is, or there is none."""
+    """Return a quantile of an array of any shape, that of NumPy to the bit; NaN where a value is, or without any."""
     if not values.size:
         return np.nan
     place = (values.size - 1) * share

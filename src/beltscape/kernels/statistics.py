@@ -89,4 +89,6 @@ def find_statistics_kernels(array: Any) -> StatisticsKernels | None:
 def find_percentile(plane: Floats, percent: float) -> Any:
     """Return a percentile of the numbers of a plane (H, W): a number, on a GPU where the plane is."""
     kernels = find_statistics_kernels(plane)
-    return kernels.find_quantile([plane], percent / 100) if kernels else compute_quantile(plane, percent / 100)
+    return (
+        kernels.find_quantile([plane], percent / 100) if kernels else compute_quantile(plane, percent / 100)
+    )

@@ -59,9 +59,7 @@ def summarise_depth(depth: DepthMap) -> DepthSummary:
     """Return the coverage and the median σ of a depth map."""
     sigma = depth.sigma_mm[::_COMPARED_STRIDE, ::_COMPARED_STRIDE]
     measured = np.isfinite(sigma)
-    return DepthSummary(
-        float(measured.mean()), compute_median(sigma[measured])
-    )
+    return DepthSummary(float(measured.mean()), compute_median(sigma[measured]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,7 +61,9 @@ def fill_textureless_discs(surface: Surface, information: Floats, prepared: Prep
     scale = prepared.context.scale
     discs = np.asarray(prepared.context.kernels.replay(_mask_bright_regions, prepared))
     # of OpenCV's algorithms for eight neighbours this one takes a third of the time of the others
-    count, labels, boxes, _ = cv2.connectedComponentsWithStatsWithAlgorithm(discs, 8, cv2.CV_32S, cv2.CCL_BBDT)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStatsWithAlgorithm(
+        discs, 8, cv2.CV_32S, cv2.CCL_BBDT
+    )
     filled = np.zeros(surface.s.shape, bool)
     found: list[NDArray[np.floating | np.signedinteger]] = []
     s = surface.s

@@ -30,7 +30,8 @@ struct PropagationInput {
     }
 };
 
-inline constexpr int kUsualCandidates = 5;  // of the Python signature, so of every match: 7 % less time than <0>
+// The candidates of every match, by the Python signature. With loops for them a call takes 7 % less time.
+inline constexpr int kUsualCandidates = 5;
 
 // See `Tile` for `fixed`.
 template <int fixed>

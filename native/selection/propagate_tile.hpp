@@ -206,8 +206,8 @@ private:
         return load_first<Floats>(active(row, x), columns_ - x) > 0.5f;
     }
 
-    // The pixels' own surfaces in the first place, where they have a cost, and none in the others of an active
-    // block. A pixel without a candidate has the slopes of its own surface.
+    // The pixels' own surfaces in the first place, where they have a cost, and none in the others of an
+    // active block. A pixel without a candidate has the slopes of its own surface.
     void begin_places(int row, int x, const Candidate<Floats>& own, Floats cost) {
         const CandidatePlaces places = places_of(row, x);
         const Floats none = broadcast<Floats>(kNoCandidate), dear = broadcast<Floats>(kNoCost);

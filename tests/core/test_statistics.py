@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.statistics import compute_median, compute_quantile
+from beltscape.core.statistics import compute_median, compute_quantile, drop_nan
 
 counts = st.integers(1, 400)
 seeds = st.integers(0, 2**32 - 1)
@@ -62,3 +62,13 @@ def test_there_is_none_of_no_values():
     """Without a warning: callers decide what that means."""
     assert np.isnan(compute_median(np.empty(0)))
     assert np.isnan(compute_quantile(np.empty((0, 3), np.float32), 0.5))
+
+
+@given(seeds, counts, types)
+def test_without_nan_the_median_is_that_of_the_rest(seed, count, kind):
+    """Of an array of any shape; of nothing but NaN there is none."""
+    values = _draw(seed, count, kind)
+    values[1::3] = np.nan
+    plane = np.stack([values, values])
+    assert compute_median(drop_nan(plane)) == float(np.nanmedian(plane))
+    assert np.isnan(compute_median(drop_nan(np.full((2, 3), np.nan, kind))))

@@ -7,8 +7,12 @@ and this one 4.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+Number = TypeVar("Number", bound=np.floating)
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution: 1/Φ⁻¹(3/4)."""
@@ -46,6 +50,11 @@ def compute_quantile(values: NDArray[np.floating], share: float) -> float:
         return np.nan
     part = place - rank
     return float(low + (high - low) * part if part < 0.5 else high - (high - low) * (1 - part))
+
+
+def drop_nan(values: NDArray[Number]) -> NDArray[Number]:
+    """Return the values (N,) of an array of any shape that are not NaN."""
+    return values[~np.isnan(values)]
 
 
 def compute_biweights(residual: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.empty_belt import Belt
-from beltscape.core.statistics import MAD_TO_SIGMA, compute_quantile
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_median, compute_quantile
 from beltscape.health.belt.cells import BeltCells
 
 _TERMS = 5
@@ -100,7 +100,7 @@ def estimate_zero_shift(cells: BeltCells, belt: Belt, pixel_mm: float, search_mm
     for _ in range(6):
         motion, covariance = _fit(cells.height_mm[bare], cells.sigma_mm[bare], terms[bare])
         left = cells.height_mm - terms @ motion
-        scatter = MAD_TO_SIGMA * float(np.median(np.abs(left[bare])))
+        scatter = MAD_TO_SIGMA * compute_median(np.abs(left[bare]))
         grown = smooth & (np.abs(left) <= np.maximum(np.minimum(tolerance, 5 * scatter), 4 * cells.sigma_mm))
         if grown.sum() < _LEAST_CELLS:
             return make_unmeasured_shift(len(cells))

@@ -1,10 +1,10 @@
 """Where the claims hold: accuracy, σ and volume as one property of the plant after another changes.
 
-    python benchmarks/axes.py [--scenes TEXT …] [--presets NAME …] [--cache FOLDER] [--out FILE]
+    python benchmarks/axes.py [--scenes TEXT …] [--presets NAME …] [--least-confidence P] [--cache FOLDER] [--out FILE]
 
 The scenes (matching/axes.toml) differ from one plant in one respect each, and were used for no fit. They are rendered
-once (a minute each). With the exact rig and the exact empty belt every row shows the matcher and the filling of holes
-alone. The columns:
+once (a minute each). With --least-confidence the presets reject what is less probable than that. With the exact rig and
+the exact empty belt every row shows the matcher and the filling of holes alone. The columns:
 
 < 1 mm       share of all true pixels of the material or the module that are measured within 1 mm
 in reach     share of them that the projector lights and an auxiliary sees
@@ -94,15 +94,15 @@ def merge_tables(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
     return {**table, **changes, **both}
 
 
-def measure(one: AblationScene, preset: str) -> Figures | None:
-    """Return the figures of a preset on a scene; None where no surface is found."""
+def measure(one: AblationScene, settings: MultiviewSettings) -> Figures | None:
+    """Return the figures of settings on a scene; None where no surface is found."""
     scene = one.scene
     assert one.visibility is not None
     try:
         near_far = find_depth_range(scene.rig, scene.frame, Silent())
     except ReconstructionError:
         return None
-    matcher = MultiviewReconstructor(scene.rig, near_far, MultiviewSettings.preset(preset))
+    matcher = MultiviewReconstructor(scene.rig, near_far, settings)
     depth = matcher.reconstruct(scene.frame, Silent())
     error = np.abs(depth.depth_mm.astype(np.float64) - scene.true_depth_mm)
     score = score_depth(depth, scene.true_depth_mm, scene.region)
@@ -137,15 +137,16 @@ def read_scene(name: str, scenario: Scenario, cache: Path = CACHE) -> AblationSc
     return read_own(name, scenario, cache / name.replace(": ", "_").replace(" ", "_"))
 
 
-def play(names: list[str], presets: list[str], cache: Path) -> Iterator[str]:
-    """Yield the rows of the chosen scenes and presets."""
+def play(names: list[str], presets: list[str], cache: Path, least: float | None = None) -> Iterator[str]:
+    """Yield the rows of the chosen scenes and presets, whose least confidence ``least`` replaces if given."""
+    changes = {} if least is None else {"least_confidence": least}
     chosen = {
         name: scenario for name, scenario in list_scenarios().items() if any(text in name for text in names)
     }
     for name, scenario in chosen.items():
         one = read_scene(name, scenario, cache)
         for preset in presets:
-            figures = measure(one, preset)
+            figures = measure(one, MultiviewSettings.preset(preset).model_copy(update=changes))
             nothing = format_cells([preset, name, "no surface found", *[""] * (len(HEAD) - 3)])
             yield figures.format(preset, name) if figures else nothing
 
@@ -168,12 +169,13 @@ def main() -> None:
     )
     parser.add_argument("--scenes", nargs="*", default=[""])
     parser.add_argument("--presets", nargs="*", default=PRESETS)
+    parser.add_argument("--least-confidence", type=float)
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     lines = format_head(HEAD)
     print("\n".join(lines))
-    for row in play(arguments.scenes, arguments.presets, arguments.cache):
+    for row in play(arguments.scenes, arguments.presets, arguments.cache, arguments.least_confidence):
         lines.append(row)
         print(row, flush=True)
     if arguments.out is not None:

@@ -272,16 +272,39 @@ def test_fused_belt(tmp_path, monkeypatch, capsys):
     assert 0 < single < fused < continued < 100
 
 
-@pytest.mark.thorough
-def test_flow_over_other_plants(tmp_path, monkeypatch, capsys):
-    benchmark, scenes = importlib.import_module("axes_flow"), tmp_path / "scenes.toml"
-    scenes.write_text(
+@pytest.fixture
+def scenes(tmp_path) -> Path:
+    """A file of one small scene for the benchmarks of other plants."""
+    (tmp_path / "scenes.toml").write_text(
         '[plants.paper]\nkind = "belt_loaded"\nseed = 1\nrig = { seed = 2, auxiliaries = 2, scale = 0.125 }\n'
         "heap = { rocks = 300 }\n[scenes.small]\n",
         encoding="utf-8",
     )
+    return tmp_path / "scenes.toml"
+
+
+@pytest.mark.thorough
+def test_other_plants_by_a_stricter_confidence(scenes, monkeypatch, capsys):
+    benchmark = importlib.import_module("axes")
     monkeypatch.setattr(benchmark, "SCENES", scenes)
-    words = ["--scenes", "small", "--presets", "fast", "--cache", str(tmp_path)]
+    words = ["axes.py", "--scenes", "small", "--presets", "fast", "--cache", str(scenes.parent)]
+    shares: list[list[float]] = []
+    for least in ([], ["--least-confidence", "0.95"]):
+        monkeypatch.setattr(sys, "argv", [*words, *least])
+        benchmark.main()
+        row = capsys.readouterr().out.splitlines()[2].strip("| ").split(" | ")
+        assert row[:2] == ["fast", "small"]
+        shares.append([float(row[at].rstrip("%")) for at in (2, 4)])
+    (within, gross), (strict_within, strict_gross) = shares
+    assert 0 < strict_within < within
+    assert strict_gross < gross
+
+
+@pytest.mark.thorough
+def test_flow_over_other_plants(scenes, monkeypatch, capsys):
+    benchmark = importlib.import_module("axes_flow")
+    monkeypatch.setattr(benchmark, "SCENES", scenes)
+    words = ["--scenes", "small", "--presets", "fast", "--cache", str(scenes.parent)]
     monkeypatch.setattr(sys, "argv", ["axes_flow.py", *words])
     benchmark.main()
     row = capsys.readouterr().out.splitlines()[2].strip("| ").split(" | ")

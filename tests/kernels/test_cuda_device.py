@@ -51,7 +51,7 @@ def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
         kernels = load()
     assert kernels.name == "cuda"
     gpu.launches.clear()
-    for name, run in self_test._CASES.items():
+    for name, run in self_test.CASES.items():
         if name in ROUNDED:
             continue
         for found, expected in zip(run(kernels), run(load(first_alike("emulated"))), strict=True):

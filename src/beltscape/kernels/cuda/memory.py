@@ -172,19 +172,26 @@ class MemoryPool:
             self._free.setdefault(size, []).append((raw, events))
 
     def _allocate(self, size: int) -> Any:
-        if self.allocated + size > self.bound:
-            self._trim()
-        if self.allocated + size > self.bound:
-            self.reclaim()
-            self._collect()
-            self._trim()
-        if self.allocated + size > self.bound:
-            raise MemoryExceededError(
-                f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
-            )
-        raw = self.allocate(size)
-        self.allocated += size
-        return raw
+        reason = f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
+        for make_room in (lambda: None, self._trim, self._reclaim):
+            make_room()
+            if self.allocated + size > self.bound:
+                continue
+            try:
+                raw = self.allocate(size)
+            except DeviceError as error:
+                if "OUT_OF_MEMORY" not in str(error):
+                    raise
+                reason = f"{error}: {self.allocated >> 20} MB of the GPU's are held here, the rest by others"
+                continue
+            self.allocated += size
+            return raw
+        raise MemoryExceededError(reason)
+
+    def _reclaim(self) -> None:
+        self.reclaim()
+        self._collect()
+        self._trim()
 
     def _trim(self) -> None:
         for size, blocks in self._free.items():

@@ -82,7 +82,7 @@ _GRAPHS = """
 ## Graphs
 
 A frame's launches are recorded at the first frame of a size and then run as graphs, nearly all of them. Emulated, the
-962 launches of three images of 48 × 36 px on two grids (`standard`) are 15 graphs and 1 launch, the 492 on one grid
+972 launches of three images of 48 × 36 px on two grids (`standard`) are 15 graphs and 1 launch, the 502 on one grid
 (`fast`) 9 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
 
 Launching a graph costs 5 to 10 µs, so 15 of them take 0.08 to 0.15 ms of a frame. Six boundaries stay because the
@@ -110,13 +110,15 @@ short, the graphs that were not used for longest go, and then all.
 
 ## What the roofline leaves out
 
+- **Preparing the images**: levels, gains, noise and sharpness of five images of 1224 × 1020 px are computed on the
+  processor, in 24 ms of one core. That is several times what the GPU needs: with one frame at a time 4 ms are out of
+  reach until it is done on the GPU, too; with several workers it is done side by side.
 - **The processor's own part of a frame**: it finds the graphs by what they are given, launches them and waits for the
-  decisions. In Python this takes 4.5 ms of one core (emulated, launches taken out, five images of 48 × 36 px; 8.1 ms
-  before what is done by type was looked up). Python's lock lets one thread at a time do it, so a process matches at
-  most some 220 frames a second however fast its GPU is; worker processes do it side by side.
-- **Preparing the images**: levels, gains, noise and sharpness of the whole images are computed on the processor.
+  decisions. In Python this takes 4.5 ms of one core, and 7 ms of a busy one (emulated, launches taken out, five images
+  of 48 × 36 px). Python's lock lets one thread at a time do it, so a process matches at most some 200 frames a second
+  however fast its GPU is; worker processes do it side by side.
 - **Copies from memory that is not pinned**: the rates above are those of the bus.
-- **Small launches**: 960 launches of at least 1 to 2 µs each are 1 to 2 ms where the images are small.
+- **Small launches**: 970 launches of at least 1 to 2 µs each are 1 to 2 ms where the images are small.
 
 ## Several frames, several processes
 

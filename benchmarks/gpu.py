@@ -114,9 +114,9 @@ short, the graphs that were not used for longest go, and then all.
   processor, in 24 ms of one core. That is several times what the GPU needs: with one frame at a time 4 ms are out of
   reach until it is done on the GPU, too; with several workers it is done side by side.
 - **The processor's own part of a frame**: it finds the graphs by what they are given, launches them and waits for the
-  decisions. In Python this takes 4.5 ms of one core, and 7 ms of a busy one (emulated, launches taken out, five images
-  of 48 × 36 px). Python's lock lets one thread at a time do it, so a process matches at most some 200 frames a second
-  however fast its GPU is; worker processes do it side by side.
+  decisions. In Python this takes 4.5 ms of one core, and 7 ms of a busy one (emulated, launches taken out, five
+  images of 48 × 36 px). Python's lock lets one thread at a time do it, so a process matches at most some 200 frames a
+  second however fast its GPU is; worker processes do it side by side.
 - **Copies from memory that is not pinned**: the rates above are those of the bus.
 - **Small launches**: 970 launches of at least 1 to 2 µs each are 1 to 2 ms where the images are small.
 

@@ -85,7 +85,7 @@ A frame's launches are recorded at the first frame of a size and then run as gra
 972 launches of three images of 48 × 36 px on two grids (`standard`) are 15 graphs and 1 launch, the 502 on one grid
 (`fast`) 9 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
 
-Launching a graph costs 5 to 10 µs, so 15 of them take 0.08 to 0.15 ms of a frame. Six boundaries stay because the
+Launching a graph costs 5 to 10 µs, so 15 of them take 0.08 to 0.15 ms of a frame. Boundaries stay where the
 processor decides something in between:
 
 - **Whether a round of propagation is the last**, by one number, on each grid. A graph runs all its launches; where
@@ -126,9 +126,9 @@ Frames in flight in one process have streams and graphs of their own and give th
 one frame are never overwritten by another (`tests/kernels/test_graphs.py`). A process opens the GPU when it first
 matches and takes at most 80 % of what is free then. A second process does the same: each has a context, kernels that
 it compiled itself (3 s) and graphs. The live system matches on up to four such workers (`matching.workers = "auto"`);
-the process that measures opens the GPU only for what it matches itself. The driver runs the processes' launches in
-turn. A process that finds no memory gives its free memory back and drops its graphs; if
-that is not enough, its processor takes over with the alarm `gpu_lost`, and the other processes go on.
+the process that measures opens the GPU, too, although its own kernels run on the processor. The driver runs the
+processes' launches in turn. A process that finds no memory gives its free memory back and drops its graphs; if that
+is not enough, its processor takes over with the alarm `gpu_lost`, and the other processes go on.
 """
 _BESIDE = """
 ## What is measured beside it

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 MOST_BYTES = 12 << 30
-"""Bound of a pool without a GPU: a frame takes 740 to 1130 bytes a pixel with its graphs (emulated, preset
-``standard``; the more pixels are refined, the more), so two frames of 2448 × 2048 px in flight fit."""
+"""Bound of a pool without a GPU: a frame takes 980 bytes a pixel, and 1400 with its graphs (emulated, preset
+``standard``; the more pixels are refined, the more). Two frames of 2448 × 2048 px in flight fit, one with its graphs."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
 

@@ -14,7 +14,8 @@ import numpy as np
 
 MOST_BYTES = 12 << 30
 """Bound of a pool without a GPU: a frame takes 980 bytes a pixel, and 1400 with its graphs (emulated, preset
-``standard``; the more pixels are refined, the more). Two frames of 2448 × 2048 px in flight fit, one with its graphs."""
+``standard``; the more pixels are refined, the more). Two frames of 2448 × 2048 px in flight fit, one of them with its
+graphs."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
 

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,10 +89,12 @@ def replay(
     rounds: int,
     workers: int | str = "auto",
     sets_per_s: float | None = None,
+    cores: int | None = None,
 ) -> Cost:
     """Run the program over ``rounds`` repetitions of the capture and return its cost.
 
-    ``sets_per_s`` is the rate at which frame sets come; None: each as soon as there is room for it.
+    ``sets_per_s`` is the rate at which frame sets come; None: each as soon as there is room for it. All processes
+    together get ``cores`` of this process's cores; None: all of them.
     """
     plant = empty.parent
     listed = _rounds(capture, plant / f"{capture.name}x{rounds}", rounds)
@@ -111,7 +113,7 @@ def replay(
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
     words += ["--speed", speed]
     before, peak_mb, own_s = os.times(), 0.0, 0.0  # os.wait4 would return at least our own peak
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
+    with _begin(words, cores) as program:
         output = None
         while output is None:
             peak_mb = max(peak_mb, memory_mb("VmHWM", program.pid))
@@ -125,6 +127,16 @@ def replay(
     result = json.loads(output)
     latency = {name: result[name] for name in ("latency_of_frames", "latency_after_view", "latency")}
     return Cost(seconds, cpu, peak_mb * 1000 / 2**20, result["records"], own_s, latency)
+
+
+def _begin(words: Sequence[str], cores: int | None) -> subprocess.Popen[str]:
+    """Begin a program on some or all of this process's cores, which its own processes inherit."""
+    usable = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(usable)[:cores])
+    try:
+        return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    finally:
+        os.sched_setaffinity(0, usable)
 
 
 def _read_cpu_s(process: int) -> float:

@@ -4,8 +4,11 @@
 
 `beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on disk. Each
 row is the difference of a run of R rounds and one of a single round, so that the start does not count. *Serial* is
-the CPU time of the process that checks, orders and measures: no worker shares it. From it and from the CPU time of a
-worker the model takes the rate of more cores, of which one orders: the lesser of (cores − 1) / worker and 1 / serial.
+the CPU time of the process that checks, orders and measures: no worker shares it. One worker takes a core, and what
+measures, reads and fills holes runs on another meanwhile: *× one worker* is the rate over that of one worker with all
+cores, *× one core* over that of one worker where all processes share one core. From the serial part and from the CPU
+time of a worker the model takes the rate of more cores, of which one orders: the lesser of (cores − 1) / worker and
+1 / serial.
 The latency is that of a run in which frame sets come at `_HELD` of the rate that the most workers held: that of the
 frame sets, and that of the records from their own frame set on and from the last one on that saw their belt.
 """
@@ -14,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +29,9 @@ from live import make_plant, replay
 from results import ROOT
 from tables import format_cells, format_head
 
-HEAD = ("width px", "preset", "workers", "sets/s", "CPU s a set", "serial s", "× one worker")
+HEAD = (
+    "width px", "preset", "workers", "cores", "sets/s", "CPU s a set", "serial s", "× one worker", "× one core",
+)  # fmt: skip
 LATENCY_HEAD = (
     "width px", "preset", "workers", "sets/s", "belt m/s", "latency", "median s", "90 % s", "99 % s", "worst s",
 )  # fmt: skip
@@ -57,9 +63,11 @@ class Rate:
         return min((cores - 1) / max(self.cpu_s - self.serial_s, 1e-9), 1 / self.serial_s)
 
 
-def measure_rate(capture: Path, empty: Path, preset: str, workers: int, rounds: int) -> Rate:
-    """Return the rate in the steady state."""
-    once, often = (replay(capture, empty, preset, number, workers) for number in (1, rounds))
+def measure_rate(
+    capture: Path, empty: Path, preset: str, workers: int, rounds: int, cores: int | None = None
+) -> Rate:
+    """Return the rate in the steady state of a number of workers, with some or all cores for all processes."""
+    once, often = (replay(capture, empty, preset, number, workers, cores=cores) for number in (1, rounds))
     sets = often.records - once.records
     return Rate(
         sets / (often.seconds - once.seconds),
@@ -82,7 +90,9 @@ def measure_latency(
 
 NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on
 disk; the start does not count. *Serial*: CPU time a set of the process that checks, orders and measures, which no
-worker shares. The model: of all cores one orders and measures, the others match, as fast as one worker does.
+worker shares. One worker takes a core, and what measures, reads and fills holes runs on another meanwhile: *× one
+worker* is the rate over that of one worker with all cores, *× one core* over that of one worker where all processes
+share one core. The model: of all cores one orders and measures, the others match, as fast as one worker does.
 *Latency*: with frame sets at 0.8 of the rate that the most workers held, from the arrival of a frame set to the end
 of its measurement, and to a record being stored and passed on: from the last frame set on that saw the record's belt,
 and from its own, which lies by the length of the view before: the belt has to leave the view first."""
@@ -111,11 +121,17 @@ def tabulate(
         for width in widths:
             capture, empty = make_plant(rendered, rig, Path(folder), width)
             for preset in presets:
+                alone = measure_rate(capture, empty, preset, 1, rounds, cores=1)
                 rates = [measure_rate(capture, empty, preset, number, rounds) for number in workers]
-                for number, rate in zip(workers, rates, strict=True):
+                every = len(os.sched_getaffinity(0))
+                rows = [
+                    (1, 1, alone),
+                    *((number, every, rate) for number, rate in zip(workers, rates, strict=True)),
+                ]
+                for number, cores, rate in rows:
                     figures = f"{rate.sets_per_s:.2f}", f"{rate.cpu_s:.3f}", f"{rate.serial_s:.3f}"
-                    gain = f"{rate.sets_per_s / rates[0].sets_per_s:.2f}"
-                    yield format_cells([str(width), preset, str(number), *figures, gain])
+                    gains = (f"{rate.sets_per_s / other.sets_per_s:.2f}" for other in (rates[0], alone))
+                    yield format_cells([str(width), preset, str(number), str(cores), *figures, *gains])
                 predicted = (f"{rates[0].predict(cores):.1f}" for cores in CORES)
                 model.append(format_cells([str(width), preset, *predicted]))
                 held = _HELD * rates[-1].sets_per_s

@@ -1,11 +1,12 @@
 """Every fault in front of the running system, against exact truth; writes benchmarks/FAULTS.md.
 
     cd benchmarks && python -m faults [--short|--small] [--only TEXT ...] [--seed 31] [--cache DIR] [--minutes M]
-        [--rounds R] [--jobs N] [--write] [--rendered FOLDER]
+        [--rounds R] [--jobs N] [--write | --renew] [--rendered FOLDER]
 
 The capture is rendered once into the cache (default: out/bench-faults; minutes). With --rendered the moving belt in a
-folder of captures of another renderer is played, in all rows that need no rendering. The exit code is 1 if any row
-fails.
+folder of captures of another renderer is played, in all rows that need no rendering. FAULTS.md is written from the
+results that the cache keeps; --renew replaces the chosen rows in it alone, for which the cache needs no others. The
+exit code is 1 if any row fails.
 """
 
 from __future__ import annotations
@@ -23,10 +24,12 @@ from faults.case import Case
 from faults.cases import read_cases, read_not_played
 from faults.imported_round import IMPORTED, import_round, is_playable
 from faults.player import SOUND_ROUNDS
-from faults.results import describe_commits, keep_result, read_results
+from faults.results import KeptResult, describe_commits, keep_result, read_results
 from faults.rows import play_rows
-from faults.table import HEAD, ROOT, format_count, format_row, read_commit, write_table
+from faults.table import HEAD, ROOT, format_count, format_row, read_commit, renew_rows, write_table
 from faults.verdict import RowResult
+
+FAULTS = ROOT / "benchmarks" / "FAULTS.md"
 
 
 def main() -> int:
@@ -42,7 +45,9 @@ def main() -> int:
         verdicts.append(verdict)
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
-    if arguments.write or not (arguments.short or arguments.only or arguments.rendered):
+    if arguments.renew:
+        renew_rows(FAULTS, _read_kept(arguments, {case.name for case in chosen}))
+    elif arguments.write or not (arguments.short or arguments.only or arguments.rendered):
         _write(arguments, chosen or cases)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
@@ -70,22 +75,30 @@ def _shorten(case: Case, rounds: float | None) -> Case:
 def _write(arguments: argparse.Namespace, chosen: Sequence[Case]) -> None:
     """Write the table of all rows whose results are kept, on large images, else on small ones."""
     cases = read_cases()
-    long, short, imported = (
-        read_results(arguments.cache / name)
-        for name in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", IMPORTED)
-    )
-    short = {name: one for name, one in short.items() if name not in long}
-    left = [(case.name, "not run") for case in cases if case.name not in {**long, **short}]
-    kept = ("Rows on images of 612×512 px", long), ("Rows on images of 306×256 px only", short), (
-        "Rows on the moving belt of another renderer, 612×512 px, 1.6 m/s", imported
-    )  # fmt: skip
+    kept = _read_kept(arguments, {case.name for case in cases})
+    own = {name for _, results in kept[:2] for name in results}
+    left = [(case.name, "not run") for case in cases if case.name not in own]
     write_table(
-        ROOT / "benchmarks" / "FAULTS.md",
+        FAULTS,
         [(what, [one[case.name].result for case in cases if case.name in one]) for what, one in kept],
         [*read_not_played(), *left],
         " ".join([_describe(arguments, chosen), arguments.note]).strip(),
-        describe_commits([*long.values(), *short.values(), *imported.values()]),
+        describe_commits([result for _, results in kept for result in results.values()]),
     )
+
+
+def _read_kept(arguments: argparse.Namespace, names: set[str]) -> list[tuple[str, dict[str, KeptResult]]]:
+    """Return the kept results of some rows by the table's sections; on small images where there are no others."""
+    long, short, imported = (
+        {name: one for name, one in read_results(arguments.cache / folder).items() if name in names}
+        for folder in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", IMPORTED)
+    )
+    short = {name: one for name, one in short.items() if name not in long}
+    return [
+        ("Rows on images of 612×512 px", long),
+        ("Rows on images of 306×256 px only", short),
+        ("Rows on the moving belt of another renderer, 612×512 px, 1.6 m/s", imported),
+    ]
 
 
 def _describe(arguments: argparse.Namespace, chosen: Sequence[Case]) -> str:
@@ -112,7 +125,9 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--short", action="store_true", help="a handful of rows on small images")
     parser.add_argument("--small", action="store_true", help="every row on small images")
     parser.add_argument("--only", nargs="+", metavar="TEXT", help="rows whose name contains one of these")
-    parser.add_argument("--write", action="store_true", help="write FAULTS.md also with --only")
+    table = parser.add_mutually_exclusive_group()
+    table.add_argument("--write", action="store_true", help="write FAULTS.md also with --only")
+    table.add_argument("--renew", action="store_true", help="replace the chosen rows of FAULTS.md alone")
     parser.add_argument("--note", default="", help="what the table states about the machine")
     parser.add_argument("--seed", type=int, default=31, help="of plant and heap")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no row after this time")

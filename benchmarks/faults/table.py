@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from faults.results import KeptResult
 from faults.verdict import RowResult
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -14,6 +16,8 @@ HEAD = (
     "| fault | promised | noticed after | valid / degraded / missing; live flow | error of the total | verdict |",
     "|---|---|---|---|---|---|",
 )
+
+_COUNT = re.compile(r"\d+ passed, \d+ failed\.")
 
 
 def format_row(verdict: RowResult) -> str:
@@ -67,6 +71,41 @@ def write_table(
         "",
     ]
     path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def renew_rows(path: Path, sections: Sequence[tuple[str, Mapping[str, KeptResult]]]) -> None:
+    """Replace the rows of some results, by section and name, in a table that is there; others stay as they are.
+
+    Its first lines name what was renewed, at which commit and on which day. ValueError where a row is not in its
+    section: then the table has to be written as a whole.
+    """
+    lines, today = (
+        path.read_text("utf-8").splitlines(),
+        datetime.datetime.now(datetime.UTC).date().isoformat(),
+    )
+    renewed: list[str] = []
+    for heading, results in sections:
+        for name, kept in results.items():
+            lines[_find_row(lines, heading, name)] = format_row(kept.result)
+            renewed.append(f"*{name}* ({heading}) at commit {kept.commit} on {today}")
+    if renewed:
+        head = next(at for at, line in enumerate(lines) if line.startswith("Written by"))
+        lines[head] += f" Renewed since: {', '.join(renewed)}."
+    verdicts = [line for line in lines if line.endswith("| passed |") or "| **failed**: " in line]
+    passed = sum(line.endswith("| passed |") for line in verdicts)
+    at = next(at for at, line in enumerate(lines) if _COUNT.fullmatch(line))
+    lines[at] = f"{passed} passed, {len(verdicts) - passed} failed."
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _find_row(lines: Sequence[str], heading: str, name: str) -> int:
+    """Return the number of the line that holds a row of a section."""
+    section = ""
+    for at, line in enumerate(lines):
+        section = line.removeprefix("## ") if line.startswith("## ") else section
+        if section == heading and line.startswith(f"| {name} |"):
+            return at
+    raise ValueError(f"FAULTS.md has no row {name!r} under {heading!r}; write it as a whole with --write")
 
 
 def read_commit() -> str:

@@ -14,6 +14,8 @@ struct PropagationResult {
     float *s, *slope_u, *slope_v, *cost, *margin;
 };
 
+// For `fixed` candidates of a pixel, for which its loops are compiled, or for those of the problem (0).
+template <int fixed>
 class Selector {
 public:
     // For bands of which up to `kept` rows are chosen.
@@ -23,7 +25,7 @@ public:
           blocks_(store.blocks()),
           store_(store),
           score_(std::make_unique_for_overwrite<float[]>(score_at(kept, 0, 0))),
-          lines_{Line(blocks_ * kBlock, in.candidates), Line(blocks_ * kBlock, in.candidates)} {}
+          lines_{Line(blocks_ * kBlock, candidates()), Line(blocks_ * kBlock, candidates())} {}
 
     // Chooses in rows keep_first ... keep_end - 1; paths cover rows first ... end - 1.
     void choose(int first, int end, int keep_first, int keep_end, const PropagationResult& out) {
@@ -62,9 +64,10 @@ private:
         std::vector<float> all;
     };
 
+    int candidates() const { return fixed > 0 ? fixed : in_.candidates; }
     bool active(int row, int block) const { return store_.active(row, block); }
     std::size_t score_at(int row, int block, int k) const {
-        return static_cast<std::size_t>((row * blocks_ + block) * in_.candidates + k) * kBlock;
+        return static_cast<std::size_t>((row * blocks_ + block) * candidates() + k) * kBlock;
     }
     float* score(int row, int block, int k) { return score_.get() + score_at(row - keep_first_, block, k); }
 
@@ -98,7 +101,7 @@ private:
     }
 
     void restart(Line& line, int block, int path) {
-        for (int k = 0; k < in_.candidates; ++k)
+        for (int k = 0; k < candidates(); ++k)
             std::fill_n(line.toll(path, k) + block * kBlock, kBlock, k == 0 ? 0.0f : kNoCost);
     }
 
@@ -110,7 +113,7 @@ private:
 
     Floats path_cost(const Pixels& before, Floats s, Floats rise) const {
         return least_path_cost(
-            PreviousCandidates{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s, rise,
+            PreviousCandidates{before.s, before.rise, before.toll, candidates(), kFloatLanes}, s, rise,
             Jumps{in_.costs.small_jump, in_.costs.large_jump});
     }
 
@@ -122,12 +125,12 @@ private:
             const Ints from = x - dx + lane_numbers<Floats>();
             const Ints comes = (from >= 0) & (from < width_);
             Pixels come;
-            for (int k = 0; before && k < in_.candidates; ++k) {
+            for (int k = 0; before && k < candidates(); ++k) {
                 store(come.s + k * kFloatLanes, load<Floats>(before->s(k) + x - dx));
                 store(come.rise + k * kFloatLanes, load<Floats>(before->rise(path, k) + x - dx));
                 store(come.toll + k * kFloatLanes, load<Floats>(before->toll(path, k) + x - dx));
             }
-            for (int k = 0; k < in_.candidates; ++k) {
+            for (int k = 0; k < candidates(); ++k) {
                 Floats toll{};
                 if (before)
                     toll = select(
@@ -140,7 +143,7 @@ private:
                 }
                 store(line.toll(path, k) + x, load<Floats>(store_.places(row, block)[k].cost + i) + toll);
             }
-            level_out<Floats>(line.toll(path, 0) + x, in_.candidates, line.stride);
+            level_out<Floats>(line.toll(path, 0) + x, candidates(), line.stride);
         }
     }
 
@@ -166,7 +169,7 @@ private:
                     step(columns[~x & 1], columns[x & 1], x - first, way, chosen > 0.5f, starts);
                     starts = false;
                 }
-                for (int k = 0; k < in_.candidates; ++k)
+                for (int k = 0; k < candidates(); ++k)
                     from_columns(columns_.score[k], score(row, block, k), count);
             } else {
                 const int x = way > 0 ? last : first;
@@ -174,7 +177,7 @@ private:
                 Pixels& column = columns[x & 1];
                 store(column.s, load_rows(place.s + x - first, count));
                 store(column.rise, 0.5f * to_float(way) * load_rows(place.slope_u + x - first, count));
-                for (int k = 0; k < in_.candidates; ++k)
+                for (int k = 0; k < candidates(); ++k)
                     store(column.toll + k * kFloatLanes, (k == 0 ? 0.0f : kNoCost) - Floats{});
                 starts = false;
             }
@@ -189,7 +192,7 @@ private:
     }
 
     void load_columns(int row, int count, int block) {
-        for (int k = 0; k < in_.candidates; ++k) {
+        for (int k = 0; k < candidates(); ++k) {
             const BlockPlace& place = store_.places(row, block)[k];
             to_columns(place.s, store_row(), count, columns_.s[k]);
             to_columns(place.slope_u, store_row(), count, columns_.slope[k]);
@@ -221,7 +224,7 @@ private:
 
     // Column x of the block.
     void step(const Pixels& before, Pixels& column, int x, int way, Ints chosen, bool starts) {
-        for (int k = 0; k < in_.candidates; ++k) {
+        for (int k = 0; k < candidates(); ++k) {
             const int at = x * kFloatLanes;
             const Floats rise = 0.5f * to_float(way) * load<Floats>(columns_.slope[k] + at);
             Floats s = load<Floats>(columns_.s[k] + at), cost = load<Floats>(columns_.cost[k] + at), toll{};
@@ -233,7 +236,7 @@ private:
             store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);
             store(column.toll + k * kFloatLanes, cost + toll);
         }
-        level_out<Floats>(column.toll, in_.candidates, kFloatLanes);
+        level_out<Floats>(column.toll, candidates(), kFloatLanes);
     }
 
     // A place's cost with those of the paths, of which a block without an active pixel has none.

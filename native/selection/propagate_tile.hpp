@@ -15,6 +15,8 @@ inline constexpr int kTileBlocks = kTileColumns / kBlock;
 inline constexpr int kTileSpan = kTileColumns + kBlock;  // columns sampled: one more on each side
 inline constexpr int kTileRows = 32;
 
+// For `fixed` candidates of a pixel, for which its loops are compiled, or for those of the problem (0).
+template <int fixed>
 class Tile {
 public:
     Tile(const PropagationProblem& in, CandidateStore& store)
@@ -178,22 +180,24 @@ private:
             const Candidate<Floats> candidate{load<Floats>(given(row, 0) + x + 1),
                                               load<Floats>(given(row, 1) + x + 1),
                                               load<Floats>(given(row, 2) + x + 1)};
-            const CandidatePlaces places = places_of(row, x);
-            if (number == 0) clear_places(places, candidate);
-            insert_candidate(places, candidate, multiview_cost.cost(in_.costs.unseen_cost),
-                             in_.costs.separation,
-                             number == 0 ? finite(candidate.s) : finite(candidate.s) & active_pixels(row, x));
+            const Floats cost = multiview_cost.cost(in_.costs.unseen_cost);
+            if (number == 0)
+                begin_places(row, x, candidate, cost);
+            else
+                insert_candidate(places_of(row, x), candidate, cost, in_.costs.separation,
+                                 finite(candidate.s) & active_pixels(row, x));
         });
     }
 
+    // Those of a pixel of an active block; of others there is the first alone.
     CandidatePlaces places_of(int row, int x) {
-        const int block = (left_ + x) / kBlock, lane = x % kBlock;
-        BlockPlace& first = *store_.places(top_ + row, block);
+        const int lane = x % kBlock;
+        BlockPlace& first = *store_.places(top_ + row, (left_ + x) / kBlock);
         return {first.s + lane,
                 first.cost + lane,
                 first.slope_u + lane,
                 first.slope_v + lane,
-                store_.count(top_ + row, block),
+                fixed > 0 ? fixed : in_.candidates,
                 kPlaceFloats};
     }
 
@@ -202,12 +206,17 @@ private:
         return load_first<Floats>(active(row, x), columns_ - x) > 0.5f;
     }
 
-    // A pixel without a candidate has the slopes of its own surface.
-    static void clear_places(const CandidatePlaces& places, const Candidate<Floats>& own) {
-        for (int k = 0; k < places.count; ++k) {
+    // The pixels' own surfaces in the first place, where they have a cost, and none in the others of an
+    // active block. A pixel without a candidate has the slopes of its own surface.
+    void begin_places(int row, int x, const Candidate<Floats>& own, Floats cost) {
+        const CandidatePlaces places = places_of(row, x);
+        const Floats none = broadcast<Floats>(kNoCandidate), dear = broadcast<Floats>(kNoCost);
+        const Ints known = finite(own.s) & (cost < dear);
+        const int count = store_.count(top_ + row, (left_ + x) / kBlock);
+        for (int k = 0; k < count; ++k) {
             const std::size_t at = static_cast<std::size_t>(k) * places.stride;
-            store(places.s + at, broadcast<Floats>(kNoCandidate));
-            store(places.cost + at, broadcast<Floats>(kNoCost));
+            store(places.s + at, k == 0 ? select(known, own.s, none) : none);
+            store(places.cost + at, k == 0 ? select(known, cost, dear) : dear);
             store(places.slope_u + at, own.slope_u), store(places.slope_v + at, own.slope_v);
         }
     }

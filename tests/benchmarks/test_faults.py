@@ -108,3 +108,21 @@ def test_results_of_parts_add_up_to_one_table(tmp_path):
     assert {name: one.commit for name, one in kept.items()} == {"one": "b2", "two": "a1"}
     assert all(one.result.passes for one in kept.values())
     assert results.describe_commits(kept.values()) == "b2 (1 rows), a1 (1 rows)"
+
+
+def test_single_rows_of_the_table_are_renewed(tmp_path: Path) -> None:
+    """In their section alone, with the commit; the count follows, and a row that is not there is refused."""
+    table, results = import_module("faults.table"), import_module("faults.results")
+    row, path = import_module("faults.verdict").RowResult, tmp_path / "FAULTS.md"
+    late, sound = row("late", "≤ 2 s", "", "", "", ("not named",)), row("sound", "nothing", "", "", "", ())
+    table.write_table(path, [("Large", [late, sound]), ("Small", [late])], [("fire", "elsewhere")], "", "a1")
+    before = path.read_text("utf-8").splitlines()
+    assert "1 passed, 2 failed." in before
+    renewed = {"late": results.KeptResult(row("late", "≤ 2 s", "1 s", "", "", ()), "b2")}
+    table.renew_rows(path, [("Large", renewed), ("Small", {})])
+    after = path.read_text("utf-8").splitlines()
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert [new for _, new in changed[1:]] == ["| late | ≤ 2 s | 1 s |  |  | passed |", "2 passed, 1 failed."]
+    assert "Renewed since: *late* (Large) at commit b2" in changed[0][1]
+    with pytest.raises(ValueError, match="no row 'late' under 'Other'"):
+        table.renew_rows(path, [("Other", renewed)])

@@ -47,6 +47,7 @@ CALIB_CB_NORMALIZE_IMAGE: int
 CALIB_FIX_INTRINSIC: int
 CALIB_FIX_K3: int
 CALIB_RATIONAL_MODEL: int
+CCL_BBDT: int
 CC_STAT_AREA: int
 CHAIN_APPROX_NONE: int
 COLORMAP_VIRIDIS: int
@@ -58,6 +59,7 @@ COLOR_GRAY2BGR: int
 COLOR_RGB2BGR: int
 COLOR_RGB2GRAY: int
 CV_32F: Final = 5
+CV_32S: Final = 4
 CV_64F: Final = 6
 DIST_L2: int
 DIST_MASK_PRECISE: int
@@ -374,6 +376,9 @@ def arcLength(curve: _Array, closed: bool) -> float: ...
 def connectedComponents(image: NDArray[np.uint8]) -> tuple[int, NDArray[np.int32]]: ...
 def connectedComponentsWithStats(
     image: NDArray[np.uint8], *, connectivity: int = ...
+) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]: ...
+def connectedComponentsWithStatsWithAlgorithm(
+    image: NDArray[np.uint8], connectivity: int, ltype: int, ccltype: int
 ) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]: ...
 def contourArea(contour: _Array, oriented: bool = ...) -> float: ...
 def convexHull(points: NDArray[_S], *, clockwise: bool = ...) -> NDArray[_S]: ...

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Float32Array
 from beltscape.core.frames import Image, to_grey
+from beltscape.core.statistics import compute_median, compute_quantile
 
 GRID = 32, 40
 """Rows and columns of blocks: about 16 px in an image of 612×512, and the same picture of dirt at any image size."""
@@ -26,8 +27,8 @@ _THIRD_DIFFERENCE = np.array([[1, -3, 3, -1]], np.float32)
 """Third difference along a row, in which smooth shading vanishes and noise remains."""
 _DIFFERENCE_GAIN = 20.0
 """Sum of the squares of `_THIRD_DIFFERENCE`: its gain of the variance of white noise."""
-_QUIET = 10.0
-"""Percentile of the blocks that have hardly any texture."""
+_QUIET = 0.1
+"""Quantile of the blocks that have hardly any texture."""
 FINE_NOISE_SHARE, COARSE_NOISE_SHARE = 1 - 1 / 3, 3 * (1 / 3 - 1 / 7) ** 2 + 4 / 7**2
 """Shares of the variance of white noise in the two bands, from the sums of the boxes' squares."""
 _SATURATED = 0.98
@@ -112,14 +113,15 @@ def compute_statistics(image: Image, levels: Float32Array) -> ImageStatistics:
     """Return the statistics of an image and the result of `compute_levels` of it."""
     narrow, wide = cv2.blur(levels, _NARROW_PX), cv2.blur(levels, _WIDE_PX)
     edges = np.abs(cv2.filter2D(levels, -1, _THIRD_DIFFERENCE))
-    quiet = float(np.percentile(average_blocks(edges), _QUIET)) * np.sqrt(np.pi / 2)
+    quiet = compute_quantile(average_blocks(edges), _QUIET) * np.sqrt(np.pi / 2)
     noise = max(quiet**2 / _DIFFERENCE_GAIN, 1 / 12)
     level = average_blocks(levels)
     fine = np.maximum(_average_square(levels, narrow) - np.float32(FINE_NOISE_SHARE * noise), 0)
     coarse = np.maximum(_average_square(narrow, wide) - np.float32(COARSE_NOISE_SHARE * noise), 0)
-    texture, lit = fine + coarse, level >= 0.5 * np.median(level)
-    faint, middle = np.percentile(_compute_contrasts(texture, level)[lit], (20, 50))
-    low, high = np.percentile(level, (5, 95))
+    texture, lit = fine + coarse, level >= 0.5 * compute_median(level)
+    contrasts = _compute_contrasts(texture, level)[lit]
+    faint, middle = compute_quantile(contrasts, 0.2), compute_median(contrasts)
+    low, high = compute_quantile(level, 0.05), compute_quantile(level, 0.95)
     return ImageStatistics(
         level=level,
         fine=fine,
@@ -127,11 +129,11 @@ def compute_statistics(image: Image, levels: Float32Array) -> ImageStatistics:
         saturated_share=_compute_saturated_share(image),
         noise=noise,
         mean_level=max(float(level.mean()), 0.1),
-        contrast=max(float(middle), 1e-4),
-        lit_contrast=float(faint),
+        contrast=max(middle, 1e-4),
+        lit_contrast=faint,
         log_sharpness=_compute_log_sharpness(fine, coarse),
-        shading=max(float((high - low) / max(high + low, 0.2)), 1e-4),
-        signal_to_noise=float(np.sqrt(np.median(texture[lit]) / noise)),
+        shading=max((high - low) / max(high + low, 0.2), 1e-4),
+        signal_to_noise=float(np.sqrt(compute_median(texture[lit]) / noise)),
     )
 
 
@@ -150,7 +152,7 @@ def _compute_contrasts(texture: Float32Array, level: Float32Array) -> Float32Arr
 
 
 def _compute_log_sharpness(fine: Float32Array, coarse: Float32Array) -> float:
-    textured = coarse > _TEXTURED * np.percentile(coarse, 75)
+    textured = coarse > _TEXTURED * compute_quantile(coarse, 0.75)
     high, low = float(fine[textured].sum()), float(coarse[textured].sum())
     return float(np.log(max(high, 1e-6) / low)) if low > 0 else _NO_TEXTURE
 

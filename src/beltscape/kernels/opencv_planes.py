@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import compute_quantile
 from beltscape.kernels.expressions import FLOAT, ExpressionInput, evaluate_program
 
 Floats = NDArray[np.float32]
@@ -143,7 +144,7 @@ def find_quantile(given: Any) -> tuple[Floats]:
     """Return the quantile () of what is not NaN."""
     numbers = np.concatenate(given.arrays)
     numbers = numbers[~np.isnan(numbers)]
-    return (np.asarray(np.quantile(numbers, given.share) if numbers.size else np.nan, np.float32),)
+    return (np.asarray(compute_quantile(numbers, given.share), np.float32),)
 
 
 def average_plane(given: Any) -> tuple[Floats]:

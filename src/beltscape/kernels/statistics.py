@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.core.statistics import compute_quantile
 from beltscape.kernels.arrays import demand_within, float32
 from beltscape.kernels.backend import KernelFamily
 from beltscape.kernels.resident import ResidentArray
@@ -88,4 +89,6 @@ def find_statistics_kernels(array: Any) -> StatisticsKernels | None:
 def find_percentile(plane: Floats, percent: float) -> Any:
     """Return a percentile of the numbers of a plane (H, W): a number, on a GPU where the plane is."""
     kernels = find_statistics_kernels(plane)
-    return kernels.find_quantile([plane], percent / 100) if kernels else float(np.percentile(plane, percent))
+    return (
+        kernels.find_quantile([plane], percent / 100) if kernels else compute_quantile(plane, percent / 100)
+    )

@@ -13,6 +13,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.height_map import HeightMap
+from beltscape.core.statistics import compute_median
 from beltscape.kernels import load
 
 _GRAZING = float(np.tan(np.deg2rad(10.0)))
@@ -95,7 +96,7 @@ def compute_sampling(depth: DepthMap, camera: Camera) -> Sampling:
     if not measured.any():  # single pixels that the sample misses
         depth_mm, sigma_mm, measured = depth.depth_mm, depth.sigma_mm, depth.measured
     distance_mm, noise_mm = (
-        float(np.median(values[measured])) if measured.any() else 0.0 for values in (depth_mm, sigma_mm)
+        compute_median(values[measured]) if measured.any() else 0.0 for values in (depth_mm, sigma_mm)
     )
     pixel_mm = distance_mm / float(camera.focal_px.mean())
     return Sampling(pixel_mm, pixel_mm / _GRAZING + 6 * noise_mm)
@@ -171,7 +172,7 @@ def reliable_mask(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: f
         return measured
     if depth.confidence.min(where=measured, initial=1.0) < FULL_CONFIDENCE:
         return measured & (depth.confidence >= 0.5) & _continuous_mask(depth.depth_mm, step_mm)
-    typical = float(np.median(depth.sigma_mm[measured]))
+    typical = compute_median(depth.sigma_mm[measured])
     reliable = measured & (depth.sigma_mm <= max(pixel_mm, 4 * typical))
     reliable &= _continuous_mask(depth.depth_mm, step_mm)
     if np.median(depth.views[measured]) >= 3:
@@ -180,7 +181,7 @@ def reliable_mask(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: f
         return reliable
     side = 2 * round(window_px / 2) + 1
     around = ndimage.uniform_filter(reliable.astype(np.float32), side, mode="nearest")
-    return reliable & (around >= 0.5 * np.median(around[reliable]))
+    return reliable & (around >= 0.5 * compute_median(around[reliable]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.empty_belt import Belt
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_median, compute_quantile
 from beltscape.health.belt.cells import BeltCells
 
 _TERMS = 5
@@ -100,7 +100,7 @@ def estimate_zero_shift(cells: BeltCells, belt: Belt, pixel_mm: float, search_mm
     for _ in range(6):
         motion, covariance = _fit(cells.height_mm[bare], cells.sigma_mm[bare], terms[bare])
         left = cells.height_mm - terms @ motion
-        scatter = MAD_TO_SIGMA * float(np.median(np.abs(left[bare])))
+        scatter = MAD_TO_SIGMA * compute_median(np.abs(left[bare]))
         grown = smooth & (np.abs(left) <= np.maximum(np.minimum(tolerance, 5 * scatter), 4 * cells.sigma_mm))
         if grown.sum() < _LEAST_CELLS:
             return make_unmeasured_shift(len(cells))
@@ -150,7 +150,7 @@ def _find_smooth(cells: BeltCells, belt: Belt, pixel_mm: float) -> NDArray[np.bo
     """Return which cells (N,) are as smooth as the learned belt."""
     if not len(cells):
         return np.zeros(0, bool)
-    usual = float(np.quantile(cells.scatter_mm, _SMOOTH_RANK))
+    usual = compute_quantile(cells.scatter_mm, _SMOOTH_RANK)
     limit = max(_ROUGH * belt.noise_mm, min(_ROUGH * usual, _ROUGHEST * belt.noise_mm))
     return cells.scatter_mm <= max(limit, _PIXEL_SHARE * pixel_mm)
 

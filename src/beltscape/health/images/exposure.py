@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.alarm_catalogue import EXPOSURE, FLICKER, LENS_COVERED, OVEREXPOSURE, SUNLIGHT
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_median
 from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
@@ -133,7 +133,7 @@ def check_sunlight(frame: FrameStatistics, reference: Reference | None, settings
 
 def find_sunlit_blocks(one: ImageStatistics) -> NDArray[np.bool_]:
     """Return the blocks of `GRID` that are far brighter than the picture and have lost the pattern."""
-    patch = (one.level > _SUNLIT * np.median(one.level)) & (one.contrasts < _FADED * one.contrast)
+    patch = (one.level > _SUNLIT * compute_median(one.level)) & (one.contrasts < _FADED * one.contrast)
     return remove_single_blocks(patch)  # single blocks are glints or smooth stones
 
 
@@ -161,7 +161,7 @@ def compute_lit_ratios(one: ImageStatistics, level: Float32Array, exposure_us: f
 
     ``exposure_us`` is the exposure time of the earlier levels: a longer one is no more light.
     """
-    lit = level > 0.3 * np.median(level)
+    lit = level > 0.3 * compute_median(level)
     ratio = np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1)
     return np.log(ratio * np.float32(exposure_us / one.exposure_us))
 

@@ -9,6 +9,7 @@ import numpy as np
 from beltscape.core.alarm_catalogue import LAMP
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
+from beltscape.core.statistics import compute_median, drop_nan
 from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import estimate_mode
@@ -67,7 +68,7 @@ def _measure_amplitude(frame: FrameStatistics, reference: Reference) -> tuple[fl
 
 def _compute_ratios(one: ImageStatistics, known: CameraReference) -> Float32Array:
     """Return the logarithms of the amplitude over the reference, (N,), in the blocks that showed the pattern."""
-    usual = known.amplitude > 0.5 * np.nanmedian(known.amplitude)
+    usual = known.amplitude > 0.5 * compute_median(drop_nan(known.amplitude))
     ratio = np.maximum(one.amplitude[usual], 0.1) / np.maximum(known.amplitude[usual], 0.1)
     return np.log(ratio * np.float32(known.exposure_us / one.exposure_us))
 

@@ -14,6 +14,7 @@ from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.statistics import compute_median, drop_nan
 from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import GRID, compute_block_size, find_place, remove_single_blocks
 from beltscape.health.settings import HealthSettings
@@ -78,8 +79,15 @@ def sample_light(
     blocks = {name: _project_blocks(points, rig, name) for name in names}
     logs = np.stack([_sample(np.log(np.maximum(levels[name], 0.5)), blocks[name]) for name in names])
     seen = np.isfinite(logs).sum(axis=0) >= _LEAST_CAMERAS
-    ratios = logs[:, seen] - np.nanmedian(logs[:, seen], axis=0)
+    ratios = logs[:, seen] - _compute_medians(logs[:, seen])
     return {name: _scatter(blocks[name][seen], ratio) for name, ratio in zip(names, ratios, strict=True)}
+
+
+def _compute_medians(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the medians (M,) of values (N, M) along the first axis, without NaN; every column has a value."""
+    ordered, columns = np.sort(values, axis=0), np.arange(values.shape[1])  # NaN come last
+    count = np.isfinite(values).sum(axis=0)
+    return (ordered[(count - 1) // 2, columns] + ordered[count // 2, columns]) / 2
 
 
 def accumulate_light(before: LightMap | None, now: LightMap, memory: float = MEMORY) -> LightMap:
@@ -142,7 +150,7 @@ def _find_dark(change: Float32Array, light: LightMap, limit: float, sigmas: floa
     """Return the blocks that are darker than expected by more than the limit and ``sigmas``."""
     if np.isfinite(change).mean() < _LEAST_KNOWN:
         return np.zeros(GRID, np.bool_)
-    relative = change - np.nanmedian(change)
+    relative = change - np.float32(compute_median(drop_nan(change)))
     return remove_single_blocks(np.nan_to_num(relative + sigmas * light.sigma()) < np.log(1 - limit))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from beltscape.core.alarm_catalogue import DUST, PROJECTOR, PROJECTOR_FOCUS
 from beltscape.core.findings import Effect, Finding
+from beltscape.core.statistics import compute_quantile, drop_nan
 from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
@@ -118,7 +119,7 @@ def _compare_with_reference(
 
 def _compare_dark_level(one: ImageStatistics, known: CameraReference) -> float:
     """Return the logarithm of the darkest blocks' brightness over the reference, at the same exposure time."""
-    now, before = (float(np.nanquantile(level, _DARKEST)) for level in (one.level, known.level))
+    now, before = (compute_quantile(drop_nan(level), _DARKEST) for level in (one.level, known.level))
     return float(np.log(max(now, 0.1) / max(before, 0.1) * known.exposure_us / one.exposure_us))
 
 

@@ -17,6 +17,7 @@ from scipy import fft
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.statistics import compute_median, drop_nan
 
 Texture = NDArray[np.float32]
 _COLUMNS = 306
@@ -89,7 +90,7 @@ class SurfaceGrid:
         measured = depth.depth_mm[part, part].astype(np.float32)
         filled = _fill_small_holes(measured)
         points = self.rays * filled[..., None].astype(np.float64)
-        width = np.nanmedian(measured) / self.cells_per_unit if measured.size else np.nan
+        width = np.float32(compute_median(drop_nan(measured))) / self.cells_per_unit
         kernel = np.ones((_AROUND, _AROUND), np.uint8)
         farthest: NDArray[np.float32] = cv2.dilate(np.nan_to_num(filled, nan=np.inf), kernel)
         nearest: NDArray[np.float32] = cv2.erode(np.nan_to_num(filled, nan=-np.inf), kernel)
@@ -138,7 +139,7 @@ class SurfaceGrid:
         """Return the median motion (2,) on the grid, cells per mm of travel along ``along`` (3,): column, row."""
         z = points_mm[..., 2:]
         motion = (along[:2] - points_mm[..., :2] / z * along[2]) / z * self._focal_cells
-        return np.asarray(np.nanmedian(motion.reshape(-1, 2), axis=0), np.float64)
+        return np.array([compute_median(drop_nan(motion[..., axis])) for axis in (0, 1)])
 
 
 _OUTSIDE = -9.0

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_median, drop_nan
 from beltscape.kernels import load
 
 Values = NDArray[np.floating]
@@ -308,8 +308,9 @@ def _compute_common_structure(
     """
     moved = _move_rows(after, float(shift[0]), round(float(shift[1])))
     apart = moved - before
-    apart -= np.nanmedian(apart)
-    is_inlier = np.abs(apart) < _OUTLIER_SIGMAS * MAD_TO_SIGMA * np.nanmedian(np.abs(apart)) + 1e-9
+    apart -= compute_median(drop_nan(apart))
+    usual = compute_median(drop_nan(np.abs(apart)))
+    is_inlier = np.abs(apart) < _OUTLIER_SIGMAS * MAD_TO_SIGMA * usual + 1e-9
     one, two = (np.diff(np.where(is_inlier, field, np.nan), axis=0) for field in (before, moved))
     product, mean = one * two, 0.25 * (one + two) ** 2
     rows, columns = np.nonzero(np.isfinite(product))

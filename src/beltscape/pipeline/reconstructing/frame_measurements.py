@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.statistics import compute_median
 from beltscape.health.belt.monitor import BareBeltHeights, measure_bare_belt
 from beltscape.health.image_statistics import ImageSample, sample_images
 from beltscape.health.images.belt_images import BeltImageSampler, BeltImageSamples, SampleRequest
@@ -58,9 +59,7 @@ def summarise_depth(depth: DepthMap) -> DepthSummary:
     """Return the coverage and the median σ of a depth map."""
     sigma = depth.sigma_mm[::_COMPARED_STRIDE, ::_COMPARED_STRIDE]
     measured = np.isfinite(sigma)
-    return DepthSummary(
-        float(measured.mean()), float(np.median(sigma[measured])) if measured.any() else float("nan")
-    )
+    return DepthSummary(float(measured.mean()), compute_median(sigma[measured]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.statistics import compute_median, drop_nan
 from beltscape.stereo.consistency.isolation import (
     Attribution,
     FaultIsolation,
@@ -72,7 +73,7 @@ def find_undecided(
         return consistency
     is_lost = ~_is_measured(depth, points)
     rays = (points - rig.core_camera.center_px) / rig.core_camera.focal_px
-    surface = np.column_stack([rays, np.ones(len(rays))]) * float(np.nanmedian(depth.depth_mm))
+    surface = np.column_stack([rays, np.ones(len(rays))]) * compute_median(drop_nan(depth.depth_mm))
     cameras: list[CameraConsistency] = []
     for each in consistency.cameras:
         camera = rig.cameras[each.camera]

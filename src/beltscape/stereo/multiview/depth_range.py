@@ -16,6 +16,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
+from beltscape.core.statistics import compute_median
 from beltscape.kernels import load
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, downsample, prepare_frame
@@ -89,7 +90,7 @@ def find_reliable_matches(
     s, margin = sweep_planes(prepared, s_range, plane_step)
     reliable = (margin >= _LEAST_MARGIN) & _mask_agreeing(s, prepared)
     if reliable.any():
-        reliable &= _mask_overlap(float(np.median(s[reliable])), prepared)
+        reliable &= _mask_overlap(compute_median(s[reliable]), prepared)
     return s[_mask_patches((s - s_range[0]) / plane_step, reliable)]
 
 

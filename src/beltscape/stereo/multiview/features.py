@@ -226,7 +226,8 @@ def compute_shape_features(inputs: ConfidenceInputs) -> Features:
     behind_step = -px * _compute_step_distance(inputs.depth_steps)
     yield "step proximity", np.exp(behind_step)
     yield "wide step proximity", np.exp(behind_step / 4)
-    yield "slope", _limit(np.hypot(surface.slope_u, surface.slope_v), 2)
+    # NumPy has no vector instructions for `hypot`; slopes are too small for a square to overflow
+    yield "slope", _limit(np.sqrt(np.square(surface.slope_u) + np.square(surface.slope_v)), 2)
     yield from _compute_bend_features(inputs)
 
 

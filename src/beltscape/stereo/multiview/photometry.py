@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
+from beltscape.core.statistics import compute_quantile
 from beltscape.kernels.planes import blur, measure_moments, to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.parallel import run_parallel
@@ -37,8 +38,8 @@ _QUANTISATION = 1.0 / np.sqrt(12.0)
 """σ of rounding to whole levels."""
 _GAIN = (0.5, 2.0)
 """Range of the gain by which a camera's levels are multiplied."""
-_QUIET = 20.0
-"""Percentile of the blocks that represents the image's parts of least texture."""
+_QUIET = 0.2
+"""Quantile of the blocks that represents the image's parts of least texture."""
 _BLOCK_PX = 16
 """Side of the blocks in which the noise is estimated."""
 _BRIGHTEST = 8.0
@@ -88,7 +89,7 @@ def estimate_noise_variance(level: NDArray[np.float32]) -> float:
     edges = np.abs(cv2.filter2D(level, -1, _LAPLACIAN))
     size = (max(1, level.shape[1] // _BLOCK_PX), max(1, level.shape[0] // _BLOCK_PX))
     blocks = cv2.resize(edges, size, interpolation=cv2.INTER_AREA)
-    sigma = float(np.percentile(blocks, _QUIET)) * np.sqrt(np.pi / 2) / 6
+    sigma = compute_quantile(blocks, _QUIET) * np.sqrt(np.pi / 2) / 6
     return max(sigma, _QUANTISATION) ** 2
 
 

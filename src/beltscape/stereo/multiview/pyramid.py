@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
-from beltscape.core.statistics import CHI2_MEDIAN
+from beltscape.core.statistics import CHI2_MEDIAN, compute_median
 from beltscape.kernels.planes import to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.depth_range import (
@@ -143,7 +143,7 @@ def _find_scale(ratios: list[Floats]) -> Any:
         ratio = kernels.find_quantile(ratios, 0.5) / CHI2_MEDIAN
         return np.where(np.isfinite(ratio), np.clip(ratio, *_SCALE), np.float32(1))
     found = np.concatenate(ratios)
-    return float(np.clip(np.median(found) / CHI2_MEDIAN, *_SCALE)) if found.size else 1.0
+    return float(np.clip(to_single(compute_median(found)) / CHI2_MEDIAN, *_SCALE)) if found.size else 1.0
 
 
 def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int, views: slice) -> list[Floats]:
@@ -166,7 +166,7 @@ def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int, v
 
 def _find_median(values: Floats) -> Any:
     kernels = find_statistics_kernels(values)
-    return kernels.find_quantile([values], 0.5) if kernels else np.median(values)
+    return kernels.find_quantile([values], 0.5) if kernels else compute_median(values)
 
 
 def _take(values: Floats, mask: NDArray[np.bool_]) -> Floats:

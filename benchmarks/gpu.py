@@ -16,7 +16,6 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.files.rig_json import read_rig
 from beltscape.kernels import kernels_on_gpu
 from beltscape.kernels.cuda.cuda_device import CudaDevice
 from beltscape.kernels.cuda.device import GpuDevice
@@ -83,28 +82,53 @@ _GRAPHS = """
 ## Graphs
 
 A frame's launches are recorded at the first frame of a size and then run as graphs, nearly all of them. Emulated, the
-1167 launches of three images of 48 × 36 px on two grids (`standard`) are 18 graphs and 5 launches, the 549 on one
-grid (`fast`) 10 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
+972 launches of three images of 48 × 36 px on two grids (`standard`) are 15 graphs and 1 launch, the 502 on one grid
+(`fast`) 9 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
 
-One graph for all of a frame it is not, because the processor decides something in between:
+Launching a graph costs 5 to 10 µs, so 15 of them take 0.08 to 0.15 ms of a frame. Boundaries stay where the
+processor decides something in between:
 
-- **Whether a round of propagation is the last**, by one number. A graph runs all its launches; where hardly a pixel
-  changes, the rounds after it are spared.
+- **Whether a round of propagation is the last**, by one number, on each grid. A graph runs all its launches; where
+  hardly a pixel changes, the rounds after it are spared, some 60 launches each.
 - **Where textureless discs are**, from a mask of bytes: connected regions, and a robust fit in double precision for
   each of the few. It runs beside the selection of candidates.
-- **How long three lists of uncertain pixels are**, by one number each. They are sizes of arrays; at their bound, all
-  pixels of the image, every list would take memory for as many.
+- **How long three lists of uncertain pixels are**, by one number each. They are sizes of arrays. At their bound, all
+  pixels of the image, the refinement's list alone would take 560 bytes a pixel, 2.8 GB for 2448 × 2048 px, in every
+  frame in flight. The second of them is known before the last iteration of least squares ends, so no frame waits.
 - **The excess of correlated noise**, from the sums of some 500 tiles: groups by quantiles in double precision.
 - **The planes of a sweep over a wide range**, from coarse matches: their number is a size of arrays. Only where more
   than 96 planes would be swept.
 
-Between two decisions stand one or two graphs on each grid; the image features and the search for discs have a graph
-of their own because they run beside the rest. Lists are lengthened by at most an eighth, so that frames with nearly
-as many uncertain pixels run the same graphs; another length is recorded once.
+The other boundaries decide nothing. They are there because a stage is one function for the processor, too: images are
+placed, halved, swept, enlarged, and the image features run beside the propagation. Joining all five would save
+0.05 ms of launches, and 1.5 ms of the processor's part. Lists are lengthened by at most an eighth, so that frames
+with nearly as many uncertain pixels run the same graphs; another length is recorded once.
 
-Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1300
-bytes a pixel instead of 750 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is
+Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1400
+bytes a pixel instead of 980 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is
 short, the graphs that were not used for longest go, and then all.
+
+## What the roofline leaves out
+
+- **Preparing the images**: levels, gains, noise and sharpness of five images of 1224 × 1020 px are computed on the
+  processor, in 24 ms of one core. That is several times what the GPU needs: with one frame at a time 4 ms are out of
+  reach until it is done on the GPU, too; with several workers it is done side by side.
+- **The processor's own part of a frame**: it finds the graphs by what they are given, launches them and waits for the
+  decisions. In Python this takes 4.5 ms of one core, and 7 ms of a busy one (emulated, launches taken out, five
+  images of 48 × 36 px). Python's lock lets one thread at a time do it, so a process matches at most some 200 frames a
+  second however fast its GPU is; worker processes do it side by side.
+- **Copies from memory that is not pinned**: the rates above are those of the bus.
+- **Small launches**: 970 launches of at least 1 to 2 µs each are 1 to 2 ms where the images are small.
+
+## Several frames, several processes
+
+Frames in flight in one process have streams and graphs of their own and give the bytes of a frame alone; results of
+one frame are never overwritten by another (`tests/kernels/test_graphs.py`). A process opens the GPU when it first
+matches and takes at most 80 % of what is free then. A second process does the same: each has a context, kernels that
+it compiled itself (3 s) and graphs. The live system matches on up to four such workers (`matching.workers = "auto"`);
+the process that measures opens the GPU, too, although its own kernels run on the processor. The driver runs the
+processes' launches in turn. A process that finds no memory gives its free memory back and drops its graphs; if that
+is not enough, its processor takes over with the alarm `gpu_lost`, and the other processes go on.
 """
 _BESIDE = """
 ## What is measured beside it
@@ -253,21 +277,26 @@ def main() -> None:
     parser.add_argument("--preset", choices=sorted(PRESETS), default="standard")
     parser.add_argument("--device", choices=("cuda", "emulated", "none"), default="none")
     parser.add_argument(
-        "--scales", type=float, nargs="+", default=[1.0], help="of the images that are measured (1)"
+        "--scales",
+        type=float,
+        nargs="+",
+        default=[1.0],
+        help="of the images that are measured; the first is counted (1)",
     )
     parser.add_argument("--out", type=Path, default=_PAGE, help="the page (default: benchmarks/GPU.md)")
     arguments = parser.parse_args()
     device = find_device(arguments.device)
-    rig = read_rig(arguments.rig)
-    width, height = next(iter(rig.cameras.values())).size_px
-    frame = f"{len(rig.cameras)} cameras of {width} × {height} px, preset `{arguments.preset}`"
     given = arguments.capture, arguments.rig, arguments.preset
-    traffic = count_traffic(read_problem(*given))
+    problem = read_problem(*given, arguments.scales[0])
+    frame, traffic = f"{problem}, preset `{arguments.preset}`", count_traffic(problem)
     measured: list[Measured] = []
-    if device:
-        measured = [measure_device(device, read_problem(*given, scale)) for scale in arguments.scales]
-    arguments.out.write_text(format_page(frame, traffic, measured), "utf-8")
-    print(f"wrote {arguments.out}")
+    for scale in arguments.scales:
+        if device:
+            measured.append(measure_device(device, read_problem(*given, scale)))
+        arguments.out.write_text(format_page(frame, traffic, measured), "utf-8")  # the next one may not end
+        print(f"wrote {arguments.out}: {len(measured)} of {len(arguments.scales)} sizes measured")
+        if not device:
+            return
 
 
 if __name__ == "__main__":

@@ -199,6 +199,8 @@ def measure_device(device: GpuDevice, problem: Problem, runs: int = RUNS) -> Mea
         depths.append(matcher.reconstruct(frame_set, Silent()))
         seconds.append(time.perf_counter() - start)
     after, replayed = read_joules(), graphs.counts.replayed - replayed
+    if kernels.failure:  # the processor's times are none of the GPU
+        raise SystemExit(f"the GPU failed: {kernels.failure}")
     timed = TimedDevice(device)
     calls = TimedBackend(CudaBackend(cast("GpuDevice", timed), native).resident)
     problem.make_matcher(Kernels(calls)).reconstruct(frame_set, Silent())
@@ -221,7 +223,10 @@ def measure_device(device: GpuDevice, problem: Problem, runs: int = RUNS) -> Mea
         graphs=replayed / runs,
     )
     if runs > 1:
-        measured.rows, measured.missing = measure_rows(problem, depth, measured)
+        try:
+            measured.rows, measured.missing = measure_rows(problem, depth, measured)
+        except Exception as error:  # of another matcher: this one's figures stand all the same
+            measured.missing = f"{type(error).__name__}: {error}"
     if kernels.failure:  # the processor's times are none of the GPU
         raise SystemExit(f"the GPU failed: {kernels.failure}")
     return measured

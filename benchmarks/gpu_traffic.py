@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.kernels.backend import Backend
+from beltscape.kernels.cuda.arguments import Given, describe
 from beltscape.kernels.cuda.backend import ResidentBackend, find_plan
 from beltscape.kernels.cuda.workspace import Traffic
-from beltscape.kernels.networks import exchange_by_rounds
+from beltscape.kernels.networks import evaluate_by_planes, exchange_by_rounds
 from beltscape.kernels.resident import ResidentArray, as_host
 from matching.operations import OPERATIONS
 from roofline import Work, count_bytes
@@ -73,6 +74,8 @@ class CountingBackend:
         record = self._read(given)
         if kernel == "exchange_messages":
             results = [exchange_by_rounds(Kernels(self._native), record, threads)]
+        elif kernel == "evaluate_network_of_programs":
+            results = list(evaluate_by_planes(Kernels(self._native), record, out[0].shape, threads))
         else:
             results = self._native.run(kernel, record, out, threads)
         self.each_call_bytes += sum(array.nbytes for array in results)
@@ -87,8 +90,18 @@ class CountingBackend:
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """See `beltscape.kernels.cuda.backend.ResidentBackend.keep`."""
         if isinstance(array, ResidentArray):
+            array.mark_reused()
             return array
         return cast("NDArray[Any]", ResidentArray.from_host(array, self))
+
+    def replay(self, function: Callable[..., Any], given: Sequence[Any]) -> Any:
+        """Return ``function(*given)``; as those of a graph, results that are expressions are computed."""
+        result, arrays = function(*given), Given()
+        describe(result, arrays)
+        for each in (*arrays.arrays, *arrays.numbers):
+            if isinstance(each, ResidentArray):
+                each.on_device(self.upload)
+        return result
 
     def _read(self, value: Any) -> Any:
         """Return a record with arrays for the native kernels, and count those that are copied to the device."""

@@ -106,6 +106,10 @@ def _count_network(given: Any, out: Sequence[Any]) -> float:
     return given.planes[0].size * (2 * len(given.planes) + _count_layers(given.layers))
 
 
+def _count_network_of_programs(given: Any, out: Sequence[Any]) -> float:
+    return out[0].size * (2 * len(given.ends) + len(given.program) + _count_layers(given.layers))
+
+
 def _count_messages(given: Any, out: Sequence[Any]) -> float:
     del out
     return given.senders.shape[1] * _count_layers(given.layers)
@@ -164,6 +168,11 @@ def _count_means(given: Any, out: Sequence[Any]) -> float:
     return out[0].size * _TWO_SUM * sum(given.size)
 
 
+def _count_moments(given: Any, out: Sequence[Any]) -> float:
+    # as the means of the plane and of its squares; the square, the mean's, the difference and the maximum
+    return out[0].size * (2 * _TWO_SUM * sum(given.size) + given.size[0] + 3)
+
+
 def _count_filter(given: Any, out: Sequence[Any]) -> float:
     return 2.0 * out[0].size * given.weights.size
 
@@ -204,6 +213,7 @@ OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "local_fit": _count_local_fit,
     "photo_consistency": _count_photo_consistency,
     "evaluate_network": _count_network,
+    "evaluate_network_of_programs": _count_network_of_programs,
     "pass_messages": _count_messages,
     "inverse_depth_buffers": _count_buffers,
     "visible": _count_visible,
@@ -214,6 +224,7 @@ OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "exchange_messages": _count_rounds,
     "evaluate_expression": _count_expression,
     "average_windows": _count_means,
+    "measure_moments": _count_moments,
     "find_extremes": _count_extremes,
     "median_of_windows": _count_each(_MEDIAN),
     "measure_distances": _count_each(_SEARCHED),

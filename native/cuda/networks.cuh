@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cuda/device.hpp"
+#include "cuda/expression.cuh"
 #include "networks/message_passing.hpp"
 #include "networks/network.hpp"
 
@@ -39,6 +40,29 @@ extern "C" __global__ void network_outputs(const unsigned long long* planes, int
         in[p][0] = clamp(array_at<float>(planes, p)[pixel], limits[p], limits[inputs + p]);
     const Network net = {limits, limits + inputs, packed.layers, layer_count};
     write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
+}
+
+// The same for features that are expressions (expression.cuh) over width x height pixels: the programs of
+// all, one after the other, and where each ends. Of features only those are written to memory, after the
+// outputs, whose row (stored_rows) is not negative.
+extern "C" __global__ void network_of_programs(const int* program, const int* ends, const int* stored_rows,
+                                               int features, const unsigned long long* addresses,
+                                               const int* inputs, const float* constants, int width,
+                                               int height, const float* limits, const float* weights,
+                                               const int* units, int layer_count, float* out) {
+    const int pixel = grid_x(), pixels = width * height;
+    if (pixel >= pixels) return;
+    const int x = pixel % width, y = pixel / width, outputs = units[layer_count - 1];
+    const PackedLayers packed(weights, features, units, layer_count);
+    Units<float> in, spare;
+    for (int p = 0, first = 0; p < features; first = ends[p++]) {
+        const float value =
+            evaluate_element(program + 2 * first, ends[p] - first, addresses, inputs, constants, x, y);
+        if (stored_rows[p] >= 0) out[static_cast<size_t>(outputs + stored_rows[p]) * pixels + pixel] = value;
+        in[p][0] = clamp(value, limits[p], limits[features + p]);
+    }
+    const Network net = {limits, limits + features, packed.layers, layer_count};
+    write_outputs(evaluate_layers<float>(net, in, spare), outputs, pixels, pixel, out);
 }
 
 // A thread takes a sender: messages (length, senders) to rows (senders, kFour quads).

@@ -37,21 +37,62 @@ extern "C" __global__ void sum_window_rows(const float* plane, int width, int he
     sums[at] = total.sum, sums[at + static_cast<size_t>(height) * width] = total.rest;
 }
 
+// A pixel's window of 2 radius + 1 rows, of which each has a sum over `columns` pixels.
+struct WindowColumn {
+    int width, height, x, y, radius, is_repeated, columns;
+
+    // The mean from sums (2, height, width) of rows and their rests.
+    __device__ float mean(const float* sums) const {
+        const float* const rests = sums + static_cast<size_t>(height) * width;
+        PreciseSum total;
+        for (int i = -radius; i <= radius; ++i) {
+            const size_t at = static_cast<size_t>(beyond_end(y + i, height, is_repeated)) * width + x;
+            total.add(sums[at]);
+            total.rest += rests[at];
+        }
+        const double scale = 1.0 / (columns * (2 * radius + 1));
+        return static_cast<float>((static_cast<double>(total.sum) + total.rest) * scale);
+    }
+};
+
 // Means over 2 radius + 1 rows of such sums, each of `columns` pixels.
 extern "C" __global__ void average_window_columns(const float* sums, int width, int height, int radius,
                                                   int is_repeated, int columns, float* out) {
     const int x = grid_x(), y = grid_y();
     if (x >= width || y >= height) return;
-    const float* const rests = sums + static_cast<size_t>(height) * width;
-    PreciseSum total;
+    const WindowColumn column = {width, height, x, y, radius, is_repeated, columns};
+    out[static_cast<size_t>(y) * width + x] = column.mean(sums);
+}
+
+// Sums over 2 radius + 1 columns of plane (height, width) and of its squares: sums (4, height, width), each
+// sum and its rest.
+extern "C" __global__ void sum_moment_rows(const float* plane, int width, int height, int radius,
+                                           int is_repeated, float* sums) {
+    const int x = grid_x(), y = grid_y();
+    if (x >= width || y >= height) return;
+    const float* const row = plane + static_cast<size_t>(y) * width;
+    PreciseSum total, squares;
     for (int i = -radius; i <= radius; ++i) {
-        const size_t at = static_cast<size_t>(beyond_end(y + i, height, is_repeated)) * width + x;
-        total.add(sums[at]);
-        total.rest += rests[at];
+        const float value = row[beyond_end(x + i, width, is_repeated)];
+        total.add(value), squares.add(value * value);
     }
-    const double scale = 1.0 / (columns * (2 * radius + 1));
-    out[static_cast<size_t>(y) * width + x] =
-        static_cast<float>((static_cast<double>(total.sum) + total.rest) * scale);
+    const size_t at = static_cast<size_t>(y) * width + x, size = static_cast<size_t>(height) * width;
+    sums[at] = total.sum, sums[at + size] = total.rest;
+    sums[at + 2 * size] = squares.sum, sums[at + 3 * size] = squares.rest;
+}
+
+// Means and variances over 2 radius + 1 rows of such sums, each of `columns` pixels: the same bytes as from
+// means of the plane and of its squares.
+extern "C" __global__ void average_moment_columns(const float* sums, int width, int height, int radius,
+                                                  int is_repeated, int columns, float* means,
+                                                  float* variances) {
+    const int x = grid_x(), y = grid_y();
+    if (x >= width || y >= height) return;
+    const WindowColumn column = {width, height, x, y, radius, is_repeated, columns};
+    const float mean = column.mean(sums),
+                variance = column.mean(sums + 2 * static_cast<size_t>(height) * width) - mean * mean;
+    const size_t at = static_cast<size_t>(y) * width + x;
+    means[at] = mean, variances[at] = variance >= 0 || variance != variance ? variance : 0.0f;
 }
 
 // The largest (or smallest) of 2 radius + 1 values `step` apart along a line of `count`, from `values` on; no

@@ -82,6 +82,7 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(make_field);
     BELTSCAPE_KERNEL(fit_planes);
     BELTSCAPE_KERNEL(network_outputs);
+    BELTSCAPE_KERNEL(network_of_programs);
     BELTSCAPE_KERNEL(message_rows);
     BELTSCAPE_KERNEL(message_outputs);
     BELTSCAPE_KERNEL(place_states);
@@ -121,6 +122,8 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(begin_addresses);
     BELTSCAPE_KERNEL(number_pixels);
     BELTSCAPE_KERNEL(pick_best);
+    BELTSCAPE_KERNEL(sum_moment_rows);
+    BELTSCAPE_KERNEL(average_moment_columns);
     BELTSCAPE_KERNEL(filter_plane);
     BELTSCAPE_KERNEL(find_quantile);
 }

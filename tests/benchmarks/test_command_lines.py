@@ -6,10 +6,12 @@ import contextlib
 import importlib
 import io
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -206,32 +208,70 @@ class Downloaded:
 def test_the_script_of_graphics_processors_runs_to_its_end_without_one(capture, tmp_path):
     programs = tmp_path / "bin"
     programs.mkdir()
-    for name, text in (("nvidia-smi", "exit 0"), ("compute-sanitizer", 'shift 4; exec "$@"')):
+    for name, text in (("nvidia-smi", "exit 3"), ("compute-sanitizer", 'shift 4; exec "$@"')):
         (programs / name).write_text(f"#!/bin/sh\n{text}\n")
         (programs / name).chmod(0o755)
     environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
     done = subprocess.run(
-        ["sh", str(BENCHMARKS / "gpu.sh"), str(capture), str(capture.parent / "rig.json"), str(tmp_path / "out")],
+        ["sh", str(BENCHMARKS / "gpu.sh"), str(tmp_path / "out"), str(capture), str(capture.parent / "rig.json")],
         env=environment | {"VENV": sys.prefix, "DEVICE": "none"},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     steps = [line.split(" after")[0] for line in (tmp_path / "out" / "steps.txt").read_text().splitlines()]
-    assert steps[1:] == [
-        f"{name}: exit code 0" for name in ("gpu", "measure", "tests", "memcheck", "racecheck")
-    ]
-    assert done.returncode == 0
-    assert "**Compiled and emulated, not run**" in (tmp_path / "out" / "GPU.md").read_text()
+    names = "check", "measure", "tests", "memcheck", "racecheck"
+    assert steps == ["gpu: exit code 3", *(f"{name}: exit code 0" for name in names)]
+    assert done.returncode == 1, "a step failed, and the others ran all the same"
+    files = {path.name: path.read_text() for path in (tmp_path / "out").iterdir()}
+    assert sorted(files) == ["GPU.md", "gpu.log", "steps.txt"]
+    assert all(str(tmp_path / "out" / name) in done.stdout for name in files)
+    assert "**Compiled and emulated, not run**" in files["GPU.md"]
+    assert "=== racecheck\n" in files["gpu.log"]
 
 
-@pytest.mark.parametrize("wheels", ["", "none"])
-def test_the_script_of_graphics_processors_stops_where_it_cannot_build(tmp_path, wheels):
+def test_the_limits_of_the_script_of_graphics_processors_add_up_to_eight_minutes():
+    text = (BENCHMARKS / "gpu.sh").read_text()
+    (limit,) = map(int, re.findall(r"^limit=(\d+)", text, re.MULTILINE))
+    steps = {name: int(seconds) for name, seconds in re.findall(r'step "?\$?(\w+)"? (\d+) ', text)}
+    assert limit == sum(steps.values()) + steps["tool"] == 470  # a tool is one of two
+    with_wheels = text.partition('if [ -n "${WHEELS:-}" ]')[2].partition("fi\n")[0]
+    assert "--no-index" in with_wheels
+
+
+def test_the_check_before_a_measurement_names_what_is_missing_and_compares_each_kernel(monkeypatch, capsys):
+    check = importlib.import_module("gpu_check")
+    monkeypatch.setattr(sys, "argv", ["gpu_check.py", "--device", "none"])
+    assert check.main() == 0
+    monkeypatch.setattr(check, "MODULES", ("gpu", "no_such_package.part", "cuda.core"))
+    monkeypatch.setitem(sys.modules, "cuda.core", None)
+    assert check.main() == 1
+    assert capsys.readouterr().err == (
+        "missing: no_such_package, cuda.core; put their wheels, of this state, into WHEELS\n"
+    )
+
+    def fail(kernels):
+        raise ValueError(f"no result of {kernels.name}")
+
+    cases = {"warp": lambda kernels: [np.full(1000, kernels.name == "native")], "fails": fail}
+    monkeypatch.setattr("beltscape.kernels.self_test.CASES", cases)
+    monkeypatch.setattr("beltscape.kernels.load", lambda name: SimpleNamespace(name=name, failure=None))
+    assert check.compare_cases("emulated") == 2
+    said = capsys.readouterr().out
+    assert "warp: 100.0000% of the values differ" in said
+    assert "fails: ValueError: no result of emulated" in said
+
+
+@pytest.mark.parametrize(("wheels", "failing"), [("", "environment"), ("none", "build")])
+def test_the_script_of_graphics_processors_stops_where_it_cannot_build(tmp_path, wheels, failing):
     done = subprocess.run(
-        ["sh", str(BENCHMARKS / "gpu.sh"), "capture", "rig.json", str(tmp_path / "out")],
+        ["sh", str(BENCHMARKS / "gpu.sh"), str(tmp_path / "out"), "capture", "rig.json"],
         env={"PATH": "/usr/bin:/bin", "PYTHON": "false", "WHEELS": wheels},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 1
-    assert done.stdout == f"build: failed, see {tmp_path}/out/build.log\n"
+    *steps, last = done.stdout.splitlines()
+    assert last == f"nothing is measured: the packages are not there, see {tmp_path}/out/gpu.log"
+    assert [step.partition(":")[0] for step in steps] == [failing]
+    assert (tmp_path / "out" / "steps.txt").read_text().splitlines() == steps
 
 
 class Served:

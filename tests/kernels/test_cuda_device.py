@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
+import tomllib
 import warnings
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from beltscape.cli.main import main
 from beltscape.core.errors import KernelError
 from beltscape.kernels import kernels_on_gpu, load, self_test
 from beltscape.kernels.backend import gpu_failures
@@ -51,7 +55,7 @@ def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
         kernels = load()
     assert kernels.name == "cuda"
     gpu.launches.clear()
-    for name, run in self_test._CASES.items():
+    for name, run in self_test.CASES.items():
         if name in ROUNDED:
             continue
         for found, expected in zip(run(kernels), run(load(first_alike("emulated"))), strict=True):
@@ -165,6 +169,25 @@ def test_a_machine_without_a_driver_is_named(gpu, monkeypatch):
     monkeypatch.setattr(sys.modules["cuda.core"], "Device", find_driver)
     with pytest.raises(KernelError, match=r"^there is no usable GPU: .* install Nvidia's driver$"):
         CudaDevice()
+
+
+def test_a_program_that_was_asked_for_the_gpu_says_in_one_line_that_there_is_no_driver(monkeypatch, capsys):
+    monkeypatch.setenv("BELTSCAPE_KERNELS", "cuda")
+    monkeypatch.setattr("beltscape.kernels.cuda.cuda_device.is_library_present", lambda: True)
+    monkeypatch.setattr("beltscape.kernels.cuda.cuda_device.is_driver_present", lambda: False)
+    assert main(["doctor"]) == 2
+    assert capsys.readouterr().err == (
+        "beltscape: there is no usable GPU: this machine has no driver of Nvidia's; "
+        "install it, or unset BELTSCAPE_KERNELS\n"
+    )
+
+
+def test_the_lock_of_the_extra_has_every_package_that_it_names():
+    root = Path(__file__).parents[2]
+    extra = tomllib.loads((root / "pyproject.toml").read_text())["project"]["optional-dependencies"]["gpu"]
+    locked = (root / "requirements" / "gpu.lock").read_text()
+    for requirement in extra:
+        assert re.search(rf"^{re.split('[>=<]', requirement)[0]}==", locked, re.MULTILINE)
 
 
 def test_doctor_says_which_kernels_run_on_the_gpu(gpu):

@@ -22,9 +22,9 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("case", [name for name in self_test._CASES if name not in ROUNDED])
+@pytest.mark.parametrize("case", [name for name in self_test.CASES if name not in ROUNDED])
 def test_self_test_gives_the_bytes_of_the_processor_twice(case):
-    run = self_test._CASES[case]
+    run = self_test.CASES[case]
     expected = [np.asarray(array).tobytes() for array in run(load(first_alike("emulated")))]
     for _ in range(2):
         assert [np.asarray(array).tobytes() for array in run(load("cuda"))] == expected

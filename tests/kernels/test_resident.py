@@ -247,7 +247,7 @@ def test_a_frame_copies_less_than_its_kernels_arrays(tiny):
     backend = backend_on(device)
     reconstruct(tiny, Kernels(backend), "standard")
     resident = backend.traffic.total_bytes
-    assert device.memory.peak < 780 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
+    assert device.memory.peak < 900 * 48 * 36, "bytes a pixel: two frames of 5 MP stay within the bound"
     backend.traffic.__init__()
     rig, frames = tiny
     matcher = MultiviewReconstructor(

@@ -10,17 +10,23 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
+from beltscape.kernels import load
+from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from beltscape.pipeline.reconstructing import match_ahead, reconstruction
 from beltscape.pipeline.reconstructing.frame_measurements import MeasuredDepth
 from beltscape.pipeline.reconstructing.match_ahead import MatcherFactory, MatchTask
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
 from beltscape.workers.call import Completed
 from beltscape.workers.options import WorkerOptions
+from tests.kernels.test_resident import same_bytes
 from tests.optional import require
+from tests.stereo.scenes import make_ring, patch, plane, quantise, render_images
 from tests.synthetic.demo import DEMO, TRUE_RIG
 from tests.thorough import list_cases
 from tests.workers.cluster import start_cluster
@@ -175,3 +181,28 @@ def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
     assert reporter.warnings == [
         "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"
     ]
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(not is_emulation_built(), reason="the emulated GPU is not built")
+def test_each_of_two_processes_opens_the_gpu_and_gives_the_bytes_of_one(monkeypatch) -> None:
+    rig, solids = make_ring((0, 180), size_px=(48, 36)), (plane(760), patch(680, (-120, 120), (-100, 100)))
+    frames = [
+        FrameSet(
+            str(seed),
+            {name: quantise(image) for name, image in render_images(rig, solids, noise=1, seed=seed).items()},
+        )
+        for seed in range(4)
+    ]
+    factory = MatcherFactory(rig, (620.0, 820.0), MultiviewSettings.preset("fast"))
+    monkeypatch.setenv("BELTSCAPE_KERNELS", "emulated")
+    auxiliaries = tuple(name for name in rig.cameras if name != rig.core)
+    with match_ahead.open_workers(factory, PROCESSES, lambda _: {}, Silent()) as workers:
+        pending = [workers.submit(frame, auxiliaries, lambda: factory(auxiliaries)) for frame in frames]
+        found = [each.result() for each in pending]
+    alone, kernels = MultiviewSettings.preset("fast"), load("emulated")
+    matcher = MultiviewReconstructor(rig, (620.0, 820.0), alone, kernels=kernels)
+    for frame, each in zip(frames, found, strict=True):
+        assert each is not None
+        assert each.gpu_failure == ""
+        assert same_bytes(each.depth, matcher.reconstruct(frame, Silent()))

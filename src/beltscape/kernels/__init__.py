@@ -35,7 +35,7 @@ from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.statistics import StatisticsKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["FrameNumbers", "Kernels", "gpu_failures", "kernels_on_gpu", "load"]
+__all__ = ["FrameNumbers", "Kernels", "gpu_failures", "is_gpu_expected", "kernels_on_gpu", "load"]
 
 Result = TypeVar("Result")
 Kept = TypeVar("Kept", bound=NDArray[Any])
@@ -141,6 +141,14 @@ def load(name: str | None = None) -> Kernels:
     raise KernelError(
         f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}, cuda"
     )
+
+
+def is_gpu_expected() -> bool:
+    """Return whether `load` would look for a GPU: its driver and the extra ``gpu`` are there. Opens none."""
+    from beltscape.kernels.cuda.cuda_device import is_driver_present, is_library_present
+
+    name = os.environ.get("BELTSCAPE_KERNELS") or "cuda"
+    return name == "cuda" and is_driver_present() and is_library_present()
 
 
 def kernels_on_gpu() -> tuple[str, ...]:

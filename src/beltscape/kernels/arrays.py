@@ -14,6 +14,8 @@ from beltscape.kernels.resident import ResidentArray
 
 WINDOW_LIMIT = 15
 """Largest radius of a window, px; arrays of the native kernels have this size (``kMaxRadius``)."""
+MOST_LAYERS = 8
+"""Of a network on a GPU (``kMostLayers`` of networks.cuh)."""
 
 
 def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]) -> NDArray[np.float32]:

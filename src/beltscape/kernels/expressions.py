@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from math import prod
+from threading import Lock
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 FLOAT, BYTE, BOOL = np.dtype(np.float32), np.dtype(np.uint8), np.dtype(np.bool_)
 _TYPES = FLOAT, BYTE, BOOL
@@ -59,6 +61,10 @@ class GatherInput(NamedTuple):
     """(N,)"""
     offsets: NDArray[np.int32]
     """(K, 2)"""
+
+
+NO_OFFSET = np.zeros((1, 2), np.int32)
+"""Of a pixel itself, as offsets."""
 
 
 class BlocksInput(NamedTuple):
@@ -111,6 +117,43 @@ class Expression:
     """Operations of its program, with those of operands that are expressions."""
 
 
+class ArrayValue:
+    """The elements of an array: on the processor, on the device, on both, or an expression to be computed."""
+
+    __slots__ = ("device", "dtype", "expression", "host", "is_reused", "lock", "operations", "shape")
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        dtype: DTypeLike,
+        operations: ResidentOperations | None,
+        *,
+        host: NDArray[Any] | None = None,
+        device: Any = None,
+        expression: Expression | None = None,
+    ) -> None:
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+        self.operations = operations
+        self.host = host
+        self.device = device
+        self.expression = expression
+        self.is_reused = False
+        """Whether several kernels take it."""
+        self.lock = Lock()
+
+    @property
+    def length(self) -> int:
+        """Operations that a program needs for it."""
+        expression = self.expression
+        return expression.length if expression else 1
+
+
+def join_shapes(operands: Sequence[Any]) -> tuple[int, ...]:
+    """Return the shape to which operands are broadcast."""
+    return np.broadcast_shapes(*(each.shape for each in operands if isinstance(each, ArrayValue)))
+
+
 def find_type(operand: Any) -> Any:
     """Return the type of an operand's elements; Python's numbers have Python's types."""
     if isinstance(operand, bool):
@@ -155,6 +198,13 @@ def number_of(function: Any) -> int:
 def wraps_around(function: Any, result: np.dtype[Any]) -> bool:
     """Return whether the function's results can leave the range of bytes, in which NumPy's wrap around."""
     return result == BYTE and function in (np.add, np.subtract, np.multiply, np.negative, np.square)
+
+
+def flatten_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return the shape of two axes for an expression's result or operand; of more axes all have the same shape."""
+    if len(shape) <= 2:
+        return cast("tuple[int, int]", (1,) * (2 - len(shape)) + shape)
+    return 1, prod(shape)
 
 
 class ProgramWriter:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import float32
+from beltscape.kernels.arrays import MOST_LAYERS, float32
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.expressions import (
+    FLOAT,
+    ExpressionInput,
+    ProgramWriter,
+    evaluate_program,
+    flatten_shape,
+)
 from beltscape.kernels.resident import ResidentArray
 
 _MOST_UNITS = 256
@@ -22,6 +30,23 @@ class NetworkInput(NamedTuple):
 
     planes: list[NDArray[np.float32]]
     """n of (H, W)"""
+    limits: NDArray[np.float32]
+    """(2, n)"""
+    layers: list[NDArray[np.float32]]
+
+
+class ProgramNetworkInput(NamedTuple):
+    """Checked input of `evaluate_network_of_programs`, a network of n features that are expressions of a GPU."""
+
+    program: NDArray[np.int32]
+    """(length, 2) of all features, one after the other; see `beltscape.kernels.expressions.ExpressionInput`."""
+    ends: NDArray[np.int32]
+    """(n,) where each feature's program ends."""
+    constants: NDArray[np.float32]
+    """(k,) of all programs, as the inputs."""
+    inputs: list[Any]
+    stored_rows: NDArray[np.int32]
+    """(n,) row of each feature among the results after the network's outputs; -1 for one that is not stored."""
     limits: NDArray[np.float32]
     """(2, n)"""
     layers: list[NDArray[np.float32]]
@@ -68,6 +93,9 @@ class NetworkKernels(KernelFamily):
         given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
         if out is None:
             new = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+            fused = _write_programs(given)
+            if fused:
+                return self._run_programs(fused, checked, new)
             found = self._run("evaluate_network", given, new, threads)
             return [output.astype(np.float32, copy=False) for output in found]
         _check_outputs(out, len(weights[-1]), first.shape)
@@ -75,6 +103,17 @@ class NetworkKernels(KernelFamily):
             if output is not array:  # the reference returns arrays of its own
                 array[:] = output
         return out
+
+    def _run_programs(
+        self, given: ProgramNetworkInput, planes: Sequence[Any], out: Sequence[NDArray[np.float32]]
+    ) -> Sequence[NDArray[np.floating]]:
+        """Return the outputs of a network of expressions; those that others take, too, are written besides."""
+        reused = [plane for plane, row in zip(planes, given.stored_rows, strict=True) if row >= 0]
+        new = [*out, *(np.empty_like(out[0]) for _ in reused)]
+        outputs = self._run("evaluate_network_of_programs", given, new, 1)
+        for plane, found in zip(reused, outputs[len(out) :], strict=True):
+            plane.adopt_result(found)
+        return outputs[: len(out)]
 
 
 def network_layers(
@@ -103,6 +142,40 @@ def _check_outputs(out: Sequence[NDArray[np.float32]], number: int, shape: tuple
     for i, array in enumerate(out):
         if array.shape != shape or array.dtype != np.float32 or not array.flags.c_contiguous:
             raise KernelError(f"out[{i}] must be contiguous float32 {shape}, not {array.dtype} {array.shape}")
+
+
+def _write_programs(given: NetworkInput) -> ProgramNetworkInput | None:
+    """Return a network with its features as programs; None where none is an expression of a GPU any more."""
+    planes: list[Any] = list(given.planes)
+    is_resident = all(isinstance(each, ResidentArray) and each.operations for each in planes)
+    if not is_resident or len(given.layers) > MOST_LAYERS:
+        return None
+    writer, ends, stored_rows, rows = ProgramWriter(), list[int](), list[int](), count()
+    for each in planes:
+        stored_rows.append(next(rows) if each.is_awaited else -1)
+        writer.add(each.operand)
+        ends.append(len(writer.code))
+    if len(writer.code) == len(planes):
+        return None
+    inputs = [ResidentArray(each).reshape(flatten_shape(each.shape)) for each in writer.inputs]
+    program, constants, _ = writer.finish(inputs)
+    of_features = np.array(ends, np.int32), constants, inputs, np.array(stored_rows, np.int32)
+    return ProgramNetworkInput(program, *of_features, given.limits, given.layers)
+
+
+def evaluate_by_planes(
+    kernels: NetworkKernels, given: ProgramNetworkInput, shape: tuple[int, ...], threads: int
+) -> Sequence[NDArray[np.floating]]:
+    """Return what a network of expressions gives, each of which is computed first; on the processor."""
+    starts = [0, *given.ends[:-1].tolist()]
+    planes = [
+        evaluate_program(
+            ExpressionInput(given.program[start:end], given.constants, given.inputs), shape, FLOAT
+        )
+        for start, end in zip(starts, given.ends.tolist(), strict=True)
+    ]
+    written = [plane for plane, row in zip(planes, given.stored_rows, strict=True) if row >= 0]
+    return [*kernels.evaluate_network(planes, given.limits, given.layers, threads=threads), *written]
 
 
 class MessagePassingInput(NamedTuple):

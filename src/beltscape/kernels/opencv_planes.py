@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.statistics import compute_quantile
-from beltscape.kernels.expressions import evaluate_program
+from beltscape.kernels.expressions import FLOAT, ExpressionInput, evaluate_program
 
 Floats = NDArray[np.float32]
 Size = tuple[int, int]
@@ -26,6 +26,17 @@ def average_windows(given: Any) -> tuple[Floats]:
     """Return the means (H, W)."""
     border = cv2.BORDER_REPLICATE if given.choice else cv2.BORDER_REFLECT_101
     return (np.asarray(cv2.blur(given.plane, given.size, borderType=border), np.float32),)
+
+
+def measure_moments(given: Any) -> tuple[Floats, Floats]:
+    """Return the means and variances (H, W)."""
+    border = cv2.BORDER_REPLICATE if given.choice else cv2.BORDER_REFLECT_101
+    mean, square = (
+        np.asarray(cv2.blur(x, given.size, borderType=border), np.float32)
+        for x in (given.plane, given.plane * given.plane)
+    )
+    square -= mean * mean
+    return mean, np.maximum(square, 0, out=square)
 
 
 def find_extremes(given: Any) -> tuple[Floats]:
@@ -98,9 +109,10 @@ def _mask_first(rows: Floats, columns: Floats) -> NDArray[np.bool_]:
     return once
 
 
-def put_pixels(given: Any) -> tuple[Floats]:
+def put_pixels(given: Any, shape: tuple[int, ...]) -> tuple[Floats]:
     """Return the plane (H, W) with the values."""
-    plane = given.plane.copy()
+    is_program = isinstance(given.plane, ExpressionInput)
+    plane = evaluate_program(given.plane, shape, FLOAT) if is_program else given.plane.copy()
     once = _mask_first(given.rows, given.columns)
     plane[given.rows[once].astype(int), given.columns[once].astype(int)] = given.values[once]
     return (plane,)
@@ -145,11 +157,12 @@ _OF_SIZE = {"average_areas": average_areas, "interpolate_plane": interpolate_pla
 _OF_RECORD = {
     function.__name__: function
     for function in (
-        average_windows, find_extremes, median_of_windows, measure_distances, average_blocks, subsample_plane,
-        list_pixels, put_pixels, assign_addresses, pick_best, filter_plane, find_quantile, average_plane,
+        average_windows, measure_moments, find_extremes, median_of_windows, measure_distances, average_blocks,
+        subsample_plane, list_pixels, assign_addresses, pick_best, filter_plane, find_quantile, average_plane,
     )
 }  # fmt: skip
-KERNELS = {*_OF_SIZE, *_OF_RECORD, "repeat_blocks", "evaluate_expression"}
+_OF_SHAPE = {"put_pixels": put_pixels, "repeat_blocks": repeat_blocks}
+KERNELS = {*_OF_SIZE, *_OF_SHAPE, *_OF_RECORD, "evaluate_expression"}
 """Names of the kernels that are here."""
 
 
@@ -158,8 +171,8 @@ def run(kernel: str, given: Any, out: Sequence[NDArray[Any]]) -> Sequence[NDArra
     shape = out[0].shape
     if kernel == "evaluate_expression":
         return (evaluate_program(given, shape, out[0].dtype),)
-    if kernel == "repeat_blocks":
-        return repeat_blocks(given, shape)
+    if kernel in _OF_SHAPE:
+        return _OF_SHAPE[kernel](given, shape)
     if kernel in _OF_SIZE:
         return _OF_SIZE[kernel](given, (shape[1], shape[0]))
     return _OF_RECORD[kernel](given)

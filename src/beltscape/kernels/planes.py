@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import KernelError
 from beltscape.kernels.arrays import flags, float32
 from beltscape.kernels.backend import KernelFamily
-from beltscape.kernels.expressions import BlocksInput
+from beltscape.kernels.expressions import BlocksInput, ExpressionInput
 from beltscape.kernels.resident import ResidentArray, to_processor
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "find_plane_kernels",
     "interpolate_plane",
     "measure_distances",
+    "measure_moments",
     "median_blur",
     "repeat_blocks",
     "to_processor",
@@ -45,7 +46,7 @@ Pixels = tuple[NDArray[Any], ...]
 
 
 class WindowInput(NamedTuple):
-    """Checked input of `average_windows` and `find_extremes`."""
+    """Checked input of `average_windows`, `measure_moments` and `find_extremes`."""
 
     plane: Plane
     """(H, W)"""
@@ -89,8 +90,8 @@ class FoundPixels(NamedTuple):
 class PutInput(NamedTuple):
     """Checked input of `put_pixels`."""
 
-    plane: Plane
-    """(H, W)"""
+    plane: Plane | ExpressionInput
+    """(H, W), or on a GPU a program that gives it."""
     rows: Plane
     """(N,)"""
     columns: Plane
@@ -128,6 +129,13 @@ class PlaneKernels(KernelFamily):
         checked = _odd_windows(size)
         given = WindowInput(float32("plane", plane, ("H", "W")), checked, repeat_edge)
         return self._run_plane("average_windows", given, given.plane.shape)
+
+    def measure_moments(self, plane: Floats, size: Size, *, repeat_edge: bool = False) -> tuple[Plane, Plane]:
+        """Return (H, W) the means and the variances in the windows of `average_windows`."""
+        given = WindowInput(float32("plane", plane, ("H", "W")), _odd_windows(size), repeat_edge)
+        out = tuple(np.empty(given.plane.shape, np.float32) for _ in range(2))
+        mean, variance = self._run("measure_moments", given, out, 1)
+        return mean, variance
 
     def find_extremes(self, plane: Floats, size: Size, *, largest: bool) -> Plane:
         """Return (H, W) the largest or the smallest value in windows of odd (width, height)."""
@@ -204,8 +212,9 @@ class PixelKernels(KernelFamily):
     def put_pixels(self, plane: Floats, pixels: Pixels, values: Floats) -> Plane:
         """Return the plane (H, W) with other values (N,) at some pixels; the first counts if one is repeated."""
         rows, columns = pixels
-        checked = float32("values", values, rows.shape)
-        given = PutInput(float32("plane", plane, ("H", "W")), rows, columns, checked)
+        checked, base = float32("values", values, rows.shape), float32("plane", plane, ("H", "W"))
+        program = base.find_program() if isinstance(base, ResidentArray) else None
+        given = PutInput(program or base, rows, columns, checked)
         (found,) = self._run("put_pixels", given, (np.empty(plane.shape, np.float32),), 1)
         return found
 
@@ -261,6 +270,14 @@ def blur(plane: Floats, size: Size, *, repeat_edge: bool = False) -> Plane:
     if kernels is None:
         return _on_processor().average_windows(WindowInput(cast("Plane", plane), size, repeat_edge))[0]
     return kernels.average_windows(plane, size, repeat_edge=repeat_edge)
+
+
+def measure_moments(plane: Floats, size: Size, *, repeat_edge: bool = False) -> tuple[Plane, Plane]:
+    """Return the means and variances (H, W) in windows, see `PlaneKernels.measure_moments`."""
+    kernels = find_plane_kernels(plane)
+    if kernels is None:
+        return _on_processor().measure_moments(WindowInput(cast("Plane", plane), size, repeat_edge))
+    return kernels.measure_moments(plane, size, repeat_edge=repeat_edge)
 
 
 def dilate(plane: NDArray[Any], size: Size) -> NDArray[Any]:

@@ -7,9 +7,9 @@ NumPy's element-wise functions of such arrays are computed on the GPU, too, once
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from math import prod
 from operator import attrgetter
-from threading import Lock
 from typing import Any, cast
 
 import numpy as np
@@ -22,83 +22,53 @@ from beltscape.kernels.expressions import (
     FLOAT,
     LOAD,
     MOST_LENGTH,
+    NO_OFFSET,
     TO_BYTE,
     WHERE,
+    ArrayValue,
     BlocksInput,
     Expression,
+    ExpressionInput,
     GatherInput,
     ProgramWriter,
     ResidentOperations,
     find_result_type,
     find_step,
     find_type,
+    flatten_shape,
+    join_shapes,
     number_of,
     wraps_around,
 )
 
-_NO_OFFSET = np.zeros((1, 2), np.int32)
-"""Of a pixel itself."""
+
+def _read(value: ArrayValue) -> NDArray[Any]:
+    """Return the array of the processor, read-only, downloaded at the first call; the value's lock is held."""
+    if value.host is None:
+        _compute(value)
+        assert value.operations is not None
+        value.host = value.operations.download(value.device)
+        value.host.setflags(write=False)
+    return value.host
 
 
-class _Value:
-    """The elements of an array: on the processor, on the device, on both, or an expression to be computed."""
-
-    __slots__ = ("device", "dtype", "expression", "host", "lock", "operations", "shape")
-
-    def __init__(
-        self,
-        shape: tuple[int, ...],
-        dtype: DTypeLike,
-        operations: ResidentOperations | None,
-        *,
-        host: NDArray[Any] | None = None,
-        device: Any = None,
-        expression: Expression | None = None,
-    ) -> None:
-        self.shape = shape
-        self.dtype = np.dtype(dtype)
-        self.operations = operations
-        self.host = host
-        self.device = device
-        self.expression = expression
-        self.lock = Lock()
-
-    @property
-    def length(self) -> int:
-        """Operations that a program needs for it."""
-        expression = self.expression
-        return expression.length if expression else 1
-
-    def read(self) -> NDArray[Any]:
-        """Return the array of the processor, read-only, downloaded at the first call; the lock is held."""
-        if self.host is None:
-            self.compute()
-            assert self.operations is not None
-            self.host = self.operations.download(self.device)
-            self.host.setflags(write=False)
-        return self.host
-
-    def compute(self) -> None:
-        """Compute an expression on the device; the lock is held."""
-        if self.expression is None:
-            return
-        assert self.operations is not None
-        writer = ProgramWriter()
-        writer.add_expression(self.expression)
-        flat = _flatten(self.shape)
-        arrays = [ResidentArray(each).reshape(_flatten(each.shape)) for each in writer.inputs]
-        given, out = writer.finish(arrays), np.empty(flat, self.dtype)
-        (result,) = self.operations.run("evaluate_expression", given, (out,), 1)
-        assert isinstance(result, ResidentArray)
-        self.device = result.reshape(self.shape).on_device(self.operations.upload)
-        self.expression = None
+def _write_program(expression: Expression) -> ExpressionInput:
+    """Return the program of an expression."""
+    writer = ProgramWriter()
+    writer.add_expression(expression)
+    return writer.finish([ResidentArray(each).reshape(flatten_shape(each.shape)) for each in writer.inputs])
 
 
-def _flatten(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return the shape of two axes for an expression's result or operand; of more axes all have the same shape."""
-    if len(shape) <= 2:
-        return cast("tuple[int, int]", (1,) * (2 - len(shape)) + shape)
-    return 1, prod(shape)
+def _compute(value: ArrayValue) -> None:
+    """Compute an expression on the device; the value's lock is held."""
+    if value.expression is None:
+        return
+    assert value.operations is not None
+    given, out = _write_program(value.expression), np.empty(flatten_shape(value.shape), value.dtype)
+    (result,) = value.operations.run("evaluate_expression", given, (out,), 1)
+    assert isinstance(result, ResidentArray)
+    value.device = result.reshape(value.shape).on_device(value.operations.upload)
+    value.expression = None
 
 
 class ResidentArray(NDArrayOperatorsMixin):
@@ -109,7 +79,7 @@ class ResidentArray(NDArrayOperatorsMixin):
     raises what its back end's ``download`` raises.
     """
 
-    def __init__(self, value: _Value, *, kept: bool = False) -> None:
+    def __init__(self, value: ArrayValue, *, kept: bool = False) -> None:
         self._value = value
         self._is_kept = kept
 
@@ -118,12 +88,12 @@ class ResidentArray(NDArrayOperatorsMixin):
         """Return the array for the device, which copies it at its first use; the array becomes read-only."""
         array = np.ascontiguousarray(array)
         array.setflags(write=False)
-        return cls(_Value(array.shape, array.dtype, operations, host=array), kept=True)
+        return cls(ArrayValue(array.shape, array.dtype, operations, host=array), kept=True)
 
     @classmethod
     def from_device(cls, array: Any, operations: ResidentOperations) -> ResidentArray:
         """Return a result of the device."""
-        return cls(_Value(array.shape, array.dtype, operations, device=array))
+        return cls(ArrayValue(array.shape, array.dtype, operations, device=array))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -159,16 +129,16 @@ class ResidentArray(NDArrayOperatorsMixin):
         """Return the array of the device, computed or uploaded at the first call."""
         value = self._value
         with value.lock:
-            value.compute()
+            _compute(value)
             if value.device is None:
-                value.device = upload(value.read())
+                value.device = upload(_read(value))
             return value.device
 
     def find_on_device(self) -> Any:
         """Return the array of the device, computed if it is an expression; None where only the processor has it."""
         value = self._value
         with value.lock:
-            value.compute()
+            _compute(value)
             return value.device
 
     def adopt(self, array: Any) -> None:
@@ -180,7 +150,35 @@ class ResidentArray(NDArrayOperatorsMixin):
     def on_host(self) -> NDArray[Any]:
         """Return the array of the processor, read-only, computed and downloaded at the first call."""
         with self._value.lock:
-            return self._value.read()
+            return _read(self._value)
+
+    @property
+    def operand(self) -> Any:
+        """What expressions hold of it."""
+        return self._value
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether it is an expression that several kernels take: the first that computes it by the way writes it."""
+        return self._value.is_reused and self._value.expression is not None
+
+    def find_program(self) -> ExpressionInput | None:
+        """Return the program of an expression that one kernel takes, which may run it by the way; None for others."""
+        value = self._value
+        with value.lock:
+            expression = None if value.is_reused else value.expression
+            return _write_program(expression) if expression else None
+
+    def mark_reused(self) -> None:
+        """Note that several kernels take it."""
+        self._value.is_reused = True
+
+    def adopt_result(self, found: Any) -> None:
+        """Note the values of an expression that a kernel computed by the way."""
+        value = self._value
+        with value.lock:
+            if value.expression is not None:
+                value.device, value.expression = found.find_on_device(), None
 
     def astype(self, dtype: DTypeLike, *, copy: bool = True) -> Any:
         """Return the values as another type; without ``copy`` the array itself where it has that type."""
@@ -205,6 +203,8 @@ class ResidentArray(NDArrayOperatorsMixin):
         full = tuple(self.size // known if n == -1 else int(n) for n in wanted)
         if full == self.shape:
             return self
+        if self._value.expression and self.operations and full == (1, *self.shape) and self.ndim == 1:
+            return _make_expression(LOAD, [self._value], full, self.dtype, self.operations)
         return self._share(lambda array: array.reshaped(full), lambda array: array.reshape(full))
 
     def ravel(self) -> Any:
@@ -230,9 +230,7 @@ class ResidentArray(NDArrayOperatorsMixin):
 
     def clip(self, low: Any = None, high: Any = None, out: Any = None) -> Any:
         """Return the values within bounds; NaN stays."""
-        result: Any = self
-        if low is not None:
-            result = np.maximum(result, low)
+        result: Any = self if low is None else np.maximum(self, low)
         return np.minimum(result, np.inf if high is None else high, out=out)
 
     def __float__(self) -> float:
@@ -276,10 +274,14 @@ class ResidentArray(NDArrayOperatorsMixin):
     def __getitem__(self, index: Any) -> Any:
         if self.operations is not None and index is None:
             return self.reshape((1, *self.shape))
+        if isinstance(index, int) and self.ndim == 2 and self._value.expression and self.operations:
+            return ResidentArray(_take_row(self._value, index, self.operations))
         if isinstance(index, int) and self.ndim > 1:
             return self._part(lambda array: array.part(index), index)
         if isinstance(index, slice) and index.step in (None, 1):
             first, last, _ = index.indices(self.shape[0])
+            if (first, last) == (0, self.shape[0]):
+                return ResidentArray(self._value)
             return self._part(lambda array: array.rows(first, max(first, last)), index)
         if _is_pixels(index) and self.ndim == 2 and self.dtype in (FLOAT, BYTE, BOOL):
             return self._gather(*index)
@@ -291,7 +293,7 @@ class ResidentArray(NDArrayOperatorsMixin):
         """Return the values (N,) at some pixels."""
         assert rows.operations is not None
         given = GatherInput(
-            [self.astype(FLOAT, copy=False)], cast("Any", columns), cast("Any", rows), _NO_OFFSET
+            [self.astype(FLOAT, copy=False)], cast("Any", columns), cast("Any", rows), NO_OFFSET
         )
         (values,) = rows.operations.run("gather", given, (np.empty((1, rows.size), FLOAT),), 1)
         return values.reshape(-1)
@@ -335,7 +337,7 @@ def _apply(function: Any, inputs: Sequence[Any]) -> Any:
     if operations is None or kind is None:
         return None
     operands = [_as_operand(each, operations) for each in inputs]
-    result = _make_expression(number_of(function), operands, _join_shapes(operands), kind, operations)
+    result = _make_expression(number_of(function), operands, join_shapes(operands), kind, operations)
     if result is not None and wraps_around(function, kind):
         return _make_expression(TO_BYTE, [result._value], result.shape, kind, operations)
     return result
@@ -355,7 +357,7 @@ def _where(mask: Any, *both: Any) -> Any:
     ):
         return None
     operands = [_as_operand(each, operations) for each in (mask, *both)]
-    return _make_expression(WHERE, operands, _join_shapes(operands), kind, operations)
+    return _make_expression(WHERE, operands, join_shapes(operands), kind, operations)
 
 
 def _fill_like(array: Any, value: float, dtype: DTypeLike | None = None) -> Any:
@@ -364,14 +366,6 @@ def _fill_like(array: Any, value: float, dtype: DTypeLike | None = None) -> Any:
     if not isinstance(array, ResidentArray) or array.operations is None or kind not in (FLOAT, BYTE, BOOL):
         return None
     return _make_expression(LOAD, [float(value)], array.shape, kind, array.operations)
-
-
-def _zeros_like(array: Any, dtype: DTypeLike | None = None) -> Any:
-    return _fill_like(array, 0, dtype)
-
-
-def _ones_like(array: Any, dtype: DTypeLike | None = None) -> Any:
-    return _fill_like(array, 1, dtype)
 
 
 def _broadcast(array: Any, shape: tuple[int, ...]) -> Any:
@@ -389,8 +383,8 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where,
     np.clip: _clip,
     np.full_like: _fill_like,
-    np.zeros_like: _zeros_like,
-    np.ones_like: _ones_like,
+    np.zeros_like: partial(_fill_like, value=0),
+    np.ones_like: partial(_fill_like, value=1),
     np.broadcast_to: _broadcast,
     np.shape: attrgetter("shape"),
     np.ndim: attrgetter("ndim"),
@@ -408,25 +402,33 @@ def _as_operand(given: Any, operations: ResidentOperations) -> Any:
     return ResidentArray.from_host(np.array(array, order="C"), operations)._value
 
 
-def _join_shapes(operands: Sequence[Any]) -> tuple[int, ...]:
-    return np.broadcast_shapes(*(each.shape for each in operands if isinstance(each, _Value)))
-
-
 def _make_expression(
     operation: int, operands: list[Any], shape: tuple[int, ...], kind: Any, operations: ResidentOperations
 ) -> Any:
     """Return the array of an expression; None where its operands are spread over more than two axes."""
-    arrays = [each for each in operands if isinstance(each, _Value)]
+    arrays = [each for each in operands if isinstance(each, ArrayValue)]
     if len(shape) > 2 and any(each.shape != shape for each in arrays):
         return None
-    length = 1 + sum(each.length if isinstance(each, _Value) else 1 for each in operands)
+    length = 1 + sum(each.length if isinstance(each, ArrayValue) else 1 for each in operands)
     if length > MOST_LENGTH:
         for each in arrays:
             with each.lock:
-                each.compute()
+                _compute(each)
         length = 1 + len(operands)
     expression = Expression(operation, tuple(operands), length)
-    return ResidentArray(_Value(shape, kind, operations, expression=expression))
+    return ResidentArray(ArrayValue(shape, kind, operations, expression=expression))
+
+
+def _take_row(operand: Any, row: int, operations: ResidentOperations) -> Any:
+    """Return a row of an expression of two axes or of its operand: an expression of its arrays' rows."""
+    if not isinstance(operand, ArrayValue) or len(operand.shape) < 2:
+        return operand
+    if operand.expression is None:
+        return _as_operand(ResidentArray(operand)[row if operand.shape[0] > 1 else 0], operations)
+    expression = operand.expression
+    operands = tuple(_take_row(each, row, operations) for each in expression.operands)
+    of_row = Expression(expression.operation, operands, expression.length)
+    return ArrayValue(operand.shape[1:], operand.dtype, operations, expression=of_row)
 
 
 def to_processor(array: Any) -> NDArray[Any]:

@@ -25,11 +25,16 @@ def find_disagreement(found: Any, expected: Any) -> str | None:
     found, expected
         `beltscape.kernels.Kernels` of two back ends.
     """
-    for name, run in _CASES.items():
-        share = max(_share_of_differences(a, b) for a, b in zip(run(found), run(expected), strict=True))
+    for name, run in CASES.items():
+        share = compare_results(run(found), run(expected))
         if share > MOST_DIFFERENT:
             return f"{name} differs from the processor's in {share:.2%} of the values"
     return None
+
+
+def compare_results(found: Sequence[NDArray[Any]], expected: Sequence[NDArray[Any]]) -> float:
+    """Return the largest share of differing values among the results of a case."""
+    return max(_share_of_differences(a, b) for a, b in zip(found, expected, strict=True))
 
 
 def _share_of_differences(found: NDArray[Any], expected: NDArray[Any]) -> float:
@@ -98,10 +103,13 @@ def _layers() -> list[NDArray[np.float32]]:
     return [_random(i).normal(0, 0.3, shape).astype(np.float32) for i, shape in enumerate(shapes)]
 
 
+def _limits() -> NDArray[np.float64]:
+    return np.stack([np.full(9, 0.2), np.full(9, 2.4)])
+
+
 def _network(kernels: Any) -> Sequence[NDArray[Any]]:
     planes = [_texture(i) / 100 for i in range(9)]
-    limits = np.stack([np.full(9, 0.2), np.full(9, 2.4)])
-    return kernels.evaluate_network(planes, limits, _layers())
+    return kernels.evaluate_network(planes, _limits(), _layers())
 
 
 def _buffers(kernels: Any) -> list[NDArray[np.float32]]:
@@ -147,6 +155,7 @@ def _windows(kernels: Any) -> Sequence[NDArray[Any]]:
     pixels = kernels.list_pixels(mask)
     return [
         kernels.average_windows(plane, (9, 15)),
+        *kernels.measure_moments(plane, (9, 15)),
         kernels.find_extremes(plane, (5, 11), largest=True),
         kernels.median_of_windows(plane),
         kernels.measure_distances(mask),
@@ -167,7 +176,17 @@ def _expression(kernels: Any) -> Sequence[NDArray[Any]]:
     return kernels.run_resident(compute)
 
 
-_CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
+def _network_of_programs(kernels: Any) -> Sequence[NDArray[Any]]:
+    def compute(resident: Any) -> list[NDArray[Any]]:
+        planes = [resident.keep(_texture(i)) / 100 for i in range(9)]
+        planes[3] = resident.keep(planes[3] * planes[4])
+        outputs = resident.evaluate_network(planes, _limits(), _layers())
+        return [np.asarray(each) for each in (*outputs, planes[3])]
+
+    return kernels.run_resident(compute)
+
+
+CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "sweep_and_aggregate": _sweep,
     "normal_equations": _normal_equations,
     "local_fit": _local_fit,
@@ -178,4 +197,6 @@ _CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "pass_messages": _messages,
     "average_windows": _windows,
     "evaluate_expression": _expression,
+    "evaluate_network_of_programs": _network_of_programs,
 }
+"""Kernel, the last of those that it runs → their results."""

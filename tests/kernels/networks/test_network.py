@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
+from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS
+from tests.kernels.planes.test_expressions import Counting, resident
 from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 
@@ -95,6 +97,32 @@ def test_beyond_the_limits_nothing_changes_and_pixels_are_independent(name, seed
     np.testing.assert_array_equal(one, two)
     (turned,) = load(name).evaluate_network([p[::-1, ::-1] for p in x], limits, layers)
     np.testing.assert_allclose(turned[::-1, ::-1], one, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.skipif(not is_emulation_built(), reason="the emulated GPU is not built")
+@given(seeds, widths, widths)
+def test_a_network_computes_features_that_are_expressions_by_the_way(seed, height, width):
+    net, planes = network(seed, 6, 5, 2), features(seed, 3, height, width)
+
+    def derive(keep, planes):
+        one, other, column = planes
+        shared = keep(np.minimum(one, 0) * 3)
+        return [one - other, one, shared, column + 0 * one, np.full_like(one, 0.5), other]
+
+    device = Counting(seed % 3)
+    kernels, backend = resident(device)
+    given_ = [kernels.keep(each) for each in (*planes[:2], planes[2][:, :1])]
+    derived = derive(kernels.keep, given_)
+    found = kernels.evaluate_network(derived, *net)
+    expected = derive(lambda each: each, (*planes[:2], planes[2][:, :1]))
+    for one, other in zip(found, load(first_alike("emulated")).evaluate_network(expected, *net), strict=True):
+        assert np.asarray(one).tobytes() == other.tobytes()
+    assert device.launched == ["network_of_programs"]
+    np.testing.assert_array_equal(derived[2], expected[2])  # is written, because others take it, too
+    assert device.launched == ["network_of_programs"]
+    np.testing.assert_array_equal(derived[0], expected[0])
+    assert device.launched == ["network_of_programs", "evaluate_floats"]
+    assert backend.failure is None
 
 
 @everything

@@ -226,3 +226,33 @@ def test_values_at_pixels_are_gathered_on_the_device():
     assert_close(np.asarray(found)[:count], values[mask])
     assert np.asarray(flags).astype(bool)[:count].tolist() == (values > 1)[mask].tolist()
     assert as_host((rows, columns))[0][:count].tolist() == np.nonzero(mask)[0].tolist()
+
+
+def test_rows_of_an_expression_and_one_more_axis_are_expressions():
+    device = Counting()
+    kernels, _ = resident(device)
+    several, row, column = plane(9), plane(10)[0], plane(11)[:, :1]
+
+    def compute(x, y, z):
+        all_rows = np.maximum(np.abs(x) + y, 2) * z + np.ones((5, 1), np.float32)
+        return [*all_rows, (all_rows[3] - y).reshape(1, -1)]
+
+    found = compute(*map(kernels.keep, (several, row, column)))
+    assert not device.launched
+    with np.errstate(all="ignore"):
+        expected = compute(several, row, column)
+    for one, other in zip(found, expected, strict=True):
+        assert_close(one, other)
+    assert device.launched == ["evaluate_floats"] * 6
+
+
+@given(seeds)
+def test_pixels_are_put_on_an_expression_as_on_its_result(seed):
+    kernels, values = resident()[0], plane(seed)
+    kept, pixels = kernels.keep(values), kernels.list_pixels(kernels.keep(values > 1))
+    base, new = np.minimum(kept, 0.5), kernels.keep(np.full(pixels[0].shape, 7, np.float32))
+    found = kernels.put_pixels(base, pixels, new)
+    assert_close(found, np.where(values > 1, np.float32(7), np.minimum(values, np.float32(0.5))))
+    assert_close(base, np.minimum(values, np.float32(0.5)))
+    again = kernels.put_pixels(kernels.keep(base), pixels, new)
+    np.testing.assert_array_equal(np.asarray(again), np.asarray(found))

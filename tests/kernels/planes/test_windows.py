@@ -42,6 +42,18 @@ def test_means_are_opencvs(name, seed, height, width, columns, rows, repeat):
 
 @every
 @given(seeds, sizes, sizes, sides, sides, st.booleans())
+def test_moments_are_those_of_means_of_squares(name, seed, height, width, columns, rows, repeat):
+    values, kernels = plane(seed, height, width), load(name)
+    mean, square = (
+        kernels.average_windows(x, (columns, rows), repeat_edge=repeat) for x in (values, values * values)
+    )
+    found = kernels.measure_moments(values, (columns, rows), repeat_edge=repeat)
+    assert found[0].tobytes() == mean.tobytes()
+    assert found[1].tobytes() == np.maximum(square - mean * mean, 0).tobytes()
+
+
+@every
+@given(seeds, sizes, sizes, sides, sides, st.booleans())
 def test_extremes_and_medians_are_opencvs(name, seed, height, width, columns, rows, largest):
     values = plane(seed, height, width)
     for found, expected in (

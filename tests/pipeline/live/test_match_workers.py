@@ -125,3 +125,15 @@ def test_workers_measure_what_needs_nothing_of_the_sequence(
 def test_as_many_workers_as_cores_and_none_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BELTSCAPE_CORES", "1")
     assert (count_workers("auto"), count_workers(3), count_workers(0)) == (0, 3, 0)
+
+
+def test_few_workers_open_one_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("beltscape.pipeline.reconstructing.match_ahead.count_usable_cores", lambda: 16)
+    for name, is_there, expected in (("", True, 4), ("cuda", True, 4), ("native", True, 16), ("", False, 16)):
+        monkeypatch.setenv("BELTSCAPE_KERNELS", name)
+        for part in ("driver", "library"):
+            monkeypatch.setattr(
+                f"beltscape.kernels.cuda.cuda_device.is_{part}_present", lambda is_there=is_there: is_there
+            )
+        assert count_workers("auto") == expected
+        assert count_workers(9) == 9

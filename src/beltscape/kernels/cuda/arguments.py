@@ -8,11 +8,12 @@ order.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from copy import copy
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.backend import FrameNumbers, KernelFamily
@@ -39,29 +40,83 @@ class Given:
 
 
 def describe(value: Any, given: Given) -> Hashable:
-    """Return the key of a value, and add its arrays and numbers to ``given``."""
-    if isinstance(value, ResidentArray | np.ndarray):
-        return _describe_array(value, given)
-    if value is None or isinstance(value, int | float | str | np.generic):
-        return type(value), value
-    if isinstance(value, KernelFamily):
-        given.kernels.append(value)
-        return type(value)
-    if isinstance(value, _SEQUENCES):
-        return type(value), *(describe(each, given) for each in value)
-    if isinstance(value, Mapping):
-        return type(value), *((name, describe(each, given)) for name, each in value.items())
-    if is_dataclass(value) and not isinstance(value, Rig | type):
-        return type(value), *(_describe_field(value, each.name, given) for each in fields(value))
+    """Return the key of a value, and add its arrays and numbers to ``given``.
+
+    A frame describes some 1,500 values: what is to be done with each is looked up by its type.
+    """
+    return _find_describer(type(value))(value, given)
+
+
+Describer = Callable[[Any, Given], Hashable]
+
+
+@cache
+def _find_describer(kind: type) -> Describer:
+    """Return what describes the values of a type."""
+    if issubclass(kind, ResidentArray):
+        return _describe_resident
+    if issubclass(kind, np.ndarray):
+        return _describe_array
+    if issubclass(kind, type(None) | int | float | str | np.generic):
+        return lambda value, _: (kind, value)
+    if issubclass(kind, KernelFamily):
+        return _describe_kernels
+    if issubclass(kind, _SEQUENCES):
+        return lambda value, given: (kind, *[_find_describer(type(each))(each, given) for each in value])
+    if issubclass(kind, Mapping):
+        return lambda value, given: (kind, *[(name, describe(each, given)) for name, each in value.items()])
+    if _is_record(kind):
+        return _make_record_describer(kind)
+    return _describe_object
+
+
+def _describe_array(array: NDArray[Any], given: Given) -> Hashable:
+    if array.nbytes <= MOST_FIXED_BYTES:
+        return array.dtype, array.shape, array.tobytes()
+    given.arrays.append(array)
+    return array.dtype, array.shape
+
+
+def _describe_resident(array: ResidentArray, given: Given) -> Hashable:
+    given.arrays.append(array)
+    return array.dtype, array.shape
+
+
+def _describe_kernels(value: KernelFamily, given: Given) -> Hashable:
+    given.kernels.append(value)
+    return type(value)
+
+
+def _describe_object(value: Any, given: Given) -> Hashable:
     given.retained.append(value)
     return type(value), id(value)
 
 
-def _describe_array(array: Any, given: Given) -> Hashable:
-    if isinstance(array, np.ndarray) and array.nbytes <= MOST_FIXED_BYTES:
-        return array.dtype.str, array.shape, array.tobytes()
-    given.arrays.append(array)
-    return array.dtype.str, array.shape
+def _make_record_describer(kind: type) -> Describer:
+    names, has_numbers = _list_fields(kind), issubclass(kind, FrameNumbers)
+
+    def describe_record(record: Any, given: Given) -> Hashable:
+        parts: list[Hashable] = [kind]
+        for name in names:
+            value = getattr(record, name)
+            if has_numbers and _is_number(value):
+                given.numbers.append(value)
+                parts.append("a number")
+            else:
+                parts.append(_find_describer(type(value))(value, given))
+        return tuple(parts)
+
+    return describe_record
+
+
+@cache
+def _list_fields(kind: type) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(kind))
+
+
+@cache
+def _is_record(kind: type) -> bool:
+    return is_dataclass(kind) and not issubclass(kind, Rig)
 
 
 def _is_number(value: Any) -> bool:
@@ -69,14 +124,6 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, ResidentArray):
         return value.shape == ()
     return isinstance(value, float) or (isinstance(value, Slot) and value.kind == "number")
-
-
-def _describe_field(record: Any, name: str, given: Given) -> Hashable:
-    value = getattr(record, name)
-    if isinstance(record, FrameNumbers) and _is_number(value):
-        given.numbers.append(value)
-        return "a number"
-    return describe(value, given)
 
 
 class Slot:
@@ -99,45 +146,79 @@ class Replacements:
     array: Callable[[Any], Any]
     number: Callable[[Any], Any]
     kernels: Callable[[Any], Any]
+    fixed: frozenset[int] = frozenset()
+    """``id`` of parts that stay as they are."""
 
 
-def fill(value: Any, replace: Callable[[Slot], Any]) -> Any:
-    """Return a value with something in its slots."""
+def fill(value: Any, replace: Callable[[Slot], Any], fixed: frozenset[int] = frozenset()) -> Any:
+    """Return a value with something in its slots; parts whose ``id`` is among the fixed ones have none."""
 
     def number(slot: Any) -> Any:
         return replace(slot) if isinstance(slot, Slot) else slot  # one that is the same for every frame
 
-    return rebuild(value, Replacements(replace, number, replace))
+    return rebuild(value, Replacements(replace, number, replace, fixed))
+
+
+def find_fixed(value: Any, found: set[int]) -> bool:
+    """Return whether a value has no slot, and add the ``id`` of its parts that have none."""
+    if isinstance(value, Slot):
+        return False
+    parts: list[Any] = []
+    if isinstance(value, _SEQUENCES):
+        parts = list(value)
+    elif isinstance(value, Mapping):
+        parts = list(value.values())
+    elif _is_record(type(value)):
+        parts = [getattr(value, name) for name in _list_fields(type(value))]
+    are_fixed = [find_fixed(each, found) for each in parts]
+    if all(are_fixed):
+        found.add(id(value))
+    return all(are_fixed)
 
 
 def rebuild(value: Any, replace: Replacements) -> Any:
     """Return a value with others in the places of its arrays, numbers and kernels, or in its slots."""
-    if isinstance(value, Slot):
+    kind = type(value)
+    if kind is Slot:
         return replace.array(value)
-    if isinstance(value, np.ndarray) and value.nbytes <= MOST_FIXED_BYTES:
+    if id(value) in replace.fixed:
         return value
-    if isinstance(value, ResidentArray | np.ndarray):
-        return replace.array(value)
-    if isinstance(value, KernelFamily):
-        return replace.kernels(value)
-    if isinstance(value, _SEQUENCES):
-        parts = [rebuild(each, replace) for each in value]
-        return type(value)(*parts) if hasattr(value, "_fields") else type(value)(parts)
-    if isinstance(value, Mapping):
-        return {name: rebuild(each, replace) for name, each in value.items()}
-    if is_dataclass(value) and not isinstance(value, Rig | type):
-        return _rebuild_record(value, replace)
-    return value
+    return _find_rebuilder(kind)(value, replace)
+
+
+Rebuilder = Callable[[Any, Replacements], Any]
+
+
+@cache
+def _find_rebuilder(kind: type) -> Rebuilder:
+    """Return what rebuilds the values of a type."""
+    if issubclass(kind, np.ndarray):
+        return lambda value, replace: value if value.nbytes <= MOST_FIXED_BYTES else replace.array(value)
+    if issubclass(kind, ResidentArray):
+        return lambda value, replace: replace.array(value)
+    if issubclass(kind, KernelFamily):
+        return lambda value, replace: replace.kernels(value)
+    if issubclass(kind, _SEQUENCES):
+        is_named = hasattr(kind, "_fields")
+
+        def rebuild_sequence(value: Any, replace: Replacements) -> Any:
+            parts = [rebuild(each, replace) for each in value]
+            return kind(*parts) if is_named else kind(parts)
+
+        return rebuild_sequence
+    if issubclass(kind, Mapping):
+        return lambda value, replace: {name: rebuild(each, replace) for name, each in value.items()}
+    return _rebuild_record if _is_record(kind) else lambda value, _: value
 
 
 def _rebuild_record(record: Any, replace: Replacements) -> Any:
     """Return a copy of a record; nothing that it derives from its fields is computed anew."""
-    changed = copy(record)
-    for each in fields(record):
-        value = getattr(record, each.name)
-        if isinstance(record, FrameNumbers) and _is_number(value):
-            new = replace.number(value)
-        else:
-            new = rebuild(value, replace)
-        object.__setattr__(changed, each.name, new)
+    kind: Any = type(record)
+    changed, has_numbers = object.__new__(kind), issubclass(kind, FrameNumbers)
+    if hasattr(record, "__dict__"):
+        changed.__dict__.update(record.__dict__)
+    for name in _list_fields(kind):
+        value = getattr(record, name)
+        new = replace.number(value) if has_numbers and _is_number(value) else rebuild(value, replace)
+        object.__setattr__(changed, name, new)
     return changed

@@ -44,10 +44,12 @@ _KERNELS: dict[str, _Kernel] = {
     "candidate_surfaces": _Kernel(selection.candidate_surfaces),
     "photo_consistency": _Kernel(selection.photo_consistency, selection.can_select),
     "evaluate_network": _Kernel(networks.evaluate_network, networks.can_evaluate),
+    "evaluate_network_of_programs": _Kernel(networks.evaluate_network_of_programs, networks.can_evaluate),
     "pass_messages": _Kernel(networks.pass_messages, networks.can_evaluate),
     "exchange_messages": _Kernel(networks.exchange_messages, networks.can_exchange),
     "evaluate_expression": _Kernel(planes.evaluate_expression),
     "average_windows": _Kernel(planes.average_windows),
+    "measure_moments": _Kernel(planes.measure_moments),
     "find_extremes": _Kernel(planes.find_extremes),
     "median_of_windows": _Kernel(planes.median_of_windows),
     "measure_distances": _Kernel(planes.measure_distances),
@@ -142,6 +144,7 @@ class ResidentBackend:
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return an array that is copied to the device once, at its first use; it becomes read-only."""
         if isinstance(array, ResidentArray):
+            array.mark_reused()
             return array
         return cast("NDArray[Any]", ResidentArray.from_host(array, self))
 

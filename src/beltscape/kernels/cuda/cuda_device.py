@@ -91,11 +91,16 @@ class CudaDevice:
             raise KernelError(
                 "the kernels cuda need cuda-core, which is not installed; run: pip install 'beltscape[gpu]'"
             )
+        if not is_driver_present():
+            raise KernelError(
+                "there is no usable GPU: this machine has no driver of Nvidia's; "
+                "install it, or unset BELTSCAPE_KERNELS"
+            )
         from cuda.core import Device
 
         self.name = "cuda"
         try:
-            self._device = Device(number)  # which looks for the driver
+            self._device = Device(number)
             self._device.set_current()
             self.model: str = self._device.name
             architecture = f"sm_{self._device.arch}"

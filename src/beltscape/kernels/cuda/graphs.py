@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.cuda.arguments import Given, Replacements, Slot, describe, fill, rebuild
+from beltscape.kernels.cuda.arguments import Given, describe, find_fixed
 from beltscape.kernels.cuda.device import GpuDevice, Launch
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError, MemoryBlock, MemoryExceededError
+from beltscape.kernels.cuda.recorded_values import fill_result, make_slots, replace_given, separate
 from beltscape.kernels.cuda.recording import (
     ArrayReference,
     LaunchRecorder,
@@ -38,7 +39,7 @@ MOST_RECORDINGS = 256
 """A frame of 2448 × 2048 px has some 30; lists of pixels have more, one for each of their lengths."""
 _MOST_SHARE = 0.5
 """Of the device's memory that graphs hold for arguments and results; then those go that were not used for longest."""
-_BYTE, _FLOAT = np.dtype(np.uint8), np.dtype(np.float32)
+_FLOAT = np.dtype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class Graph:
         self.bound = [_find_owner(array) for array in arrays]
         """Of each argument the array of another graph that is read where it lies; None: it is copied."""
         self.scratch = scratch
+        self._resolved: dict[int, DeviceArray] = {}
+        """Results by the ``id`` of their references in the recording."""
         self._places: dict[int, int] = {}
         """Block of a result → its first byte."""
         self._input_places: dict[int, int] = {}
@@ -75,6 +78,9 @@ class Graph:
         self.own = device.memory.take(self._lay_out())
         """Memory of arguments and results."""
         self._table = work.allocate((max(1, stretch.storage.table_items),), np.uint64)
+        read = {id(each.block): each.block for each in self.bound if each is not None}
+        self._blocks = [self.own, scratch.block, self._table.block, *read.values()]
+        """What its launches read and write."""
         self.executable = device.make_graph(
             [self._resolve_launch(each) for each in stretch.recording.launches]
         )
@@ -83,8 +89,7 @@ class Graph:
     def fits(self, arrays: Sequence[Any]) -> bool:
         """Return whether the arrays of other graphs lie where this graph reads them."""
         return all(
-            bound is None or bound == _find_owner(each)
-            for bound, each in zip(self.bound, arrays, strict=True)
+            bound is None or _is_in_place(each, bound) for bound, each in zip(self.bound, arrays, strict=True)
         )
 
     def give_back(self, block: MemoryBlock) -> None:
@@ -98,9 +103,7 @@ class Graph:
         The graph is free once nothing refers to that block.
         """
         lease = MemoryBlock(self, self.own.raw, self.own.size, self.own.events)
-        blocks = self.own, self.scratch.block, self._table.block
-        memory = [DeviceArray(each, (1,), _BYTE) for each in blocks]
-        work.use([*memory, *(each for each in self.bound if each is not None)])
+        work.use(self._blocks)
         for index, place in self._input_places.items():
             array = arrays[index]
             target = DeviceArray(lease, array.shape, array.dtype, place)
@@ -120,6 +123,15 @@ class Graph:
             device.finish(list(self.own.events.values()))
         for each in self.stretch.recording.constants.values():
             each.block.events.update(self.own.events)
+
+    def find_result(self, reference: ArrayReference, lease: MemoryBlock) -> DeviceArray:
+        """Return the array of a result, in the block that `launch` returned."""
+        found = self._resolved.get(id(reference))
+        if found is None:
+            found = self._resolved[id(reference)] = self.resolve(reference)
+        if found.block is self.own:
+            return DeviceArray(lease, found.shape, found.dtype, found.offset)
+        return found
 
     def resolve(self, reference: ArrayReference) -> DeviceArray:
         """Return this graph's array for one of the recording."""
@@ -172,6 +184,17 @@ def _find_owner(array: ResidentArray) -> DeviceArray | None:
     return DeviceArray(found.block.owner.own, found.shape, found.dtype, found.offset)
 
 
+def _is_in_place(array: ResidentArray, bound: DeviceArray) -> bool:
+    """Return whether an array lies in a graph's memory where another graph reads it."""
+    found = array.find_on_device()
+    return (
+        found is not None
+        and found.offset == bound.offset
+        and isinstance(found.block.owner, Graph)
+        and found.block.owner.own is bound.block
+    )
+
+
 def _place_numbers(numbers: Sequence[Any], target: DeviceArray, work: Workspace) -> None:
     """Copy numbers of the processor and of the device to the first elements of an array of the device."""
     on_device = [isinstance(each, ResidentArray) for each in numbers]
@@ -217,7 +240,9 @@ class GraphCache:
         """Return ``function(*given)``, see `beltscape.kernels.Kernels.replay`."""
         found = Given()
         key: tuple[Hashable, ...] = function, *(describe(each, found) for each in given)
-        found.arrays = [resident.keep(each) for each in found.arrays]
+        found.arrays = [
+            each if isinstance(each, ResidentArray) else resident.keep(each) for each in found.arrays
+        ]
         places = [each.identity for each in found.arrays]
         key = *key, *(places.index(each) for each in places)
         with self._lock:
@@ -231,14 +256,9 @@ class GraphCache:
         self.counts.replayed += 1
 
         def find(reference: ArrayReference) -> DeviceArray:
-            array = graph.resolve(reference)
-            return (
-                DeviceArray(lease, array.shape, array.dtype, array.offset)
-                if array.block is graph.own
-                else array
-            )
+            return graph.find_result(reference, lease)
 
-        return _fill_result(stretch.result, resident, found, find)
+        return fill_result(stretch.result, resident, found, find, stretch.fixed)
 
     def clear(self) -> None:
         """Drop all graphs and recordings."""
@@ -264,19 +284,27 @@ class GraphCache:
         blocks: dict[int, DeviceArray] = {}
         with open_workspace(self._device, self._traffic, RecordingWorkspace) as work:
             recorder = LaunchRecorder(resident, work)
-            inputs = _separate(found.arrays, arrays, work)
+            inputs = separate(found.arrays, arrays, work)
             numbers = work.copy_argument(np.zeros(len(found.numbers) + 1, np.float32))
             _place_numbers(found.numbers, numbers, work)
             try:
-                returned = function(*_replace_given(given, recorder, inputs, numbers))
-                result = _make_slots(returned, recorder, inputs, numbers, blocks)
+                returned = function(*replace_given(given, recorder, inputs, numbers))
+                result = make_slots(returned, recorder, inputs, numbers, blocks)
             except NotRecordableError as error:
                 self.counts.refused[function.__qualname__] = str(error)
             else:
                 references = [refer(each) for each in inputs]
                 storage = plan_storage(work.recording, references, map(refer, blocks.values()))
+                fixed = set[int]()
+                find_fixed(result, fixed)
                 stretch = RecordedFunction(
-                    work.recording, references, refer(numbers), result, found.retained, storage
+                    work.recording,
+                    references,
+                    refer(numbers),
+                    result,
+                    found.retained,
+                    storage,
+                    frozenset(fixed),
                 )
         self._note(key, stretch)
         if stretch is None:
@@ -286,7 +314,7 @@ class GraphCache:
             block = blocks[reference.serial].block
             return DeviceArray(block, reference.shape, reference.dtype, reference.offset)
 
-        return _fill_result(result, resident, found, find)
+        return fill_result(result, resident, found, find)
 
     def _note(self, key: Hashable, stretch: RecordedFunction | None) -> None:
         """Note a recording; all are dropped where they are too many, because what is recorded changes for good."""
@@ -342,91 +370,3 @@ class GraphCache:
         for several in self._graphs.values():
             several[:] = [graph for graph in several if graph not in dropped]
         return dropped
-
-
-def _separate(
-    given: Sequence[ResidentArray], arrays: Sequence[DeviceArray], work: RecordingWorkspace
-) -> list[DeviceArray]:
-    """Return arrays of which no two lie in the same memory, unless they are the same one: in a graph they may not."""
-    separate: list[DeviceArray] = []
-    for i, array in enumerate(arrays):
-        same = next((j for j in range(i) if given[j].identity == given[i].identity), None)
-        if same is not None:
-            separate.append(separate[same])
-        elif any(each.block is array.block for each in arrays[:i]):
-            separate.append(work.copy_argument(array))
-        else:
-            separate.append(array)
-    return separate
-
-
-def _replace_given(
-    given: Sequence[Any], recorder: LaunchRecorder, inputs: Sequence[DeviceArray], numbers: DeviceArray
-) -> list[Any]:
-    """Return the arguments with arrays, numbers and kernels that are recorded."""
-    arrays = iter(inputs)
-    parts = (numbers.part(i).reshaped(()) for i in range(numbers.size))
-    replace = Replacements(
-        lambda _: ResidentArray.from_device(next(arrays), recorder),
-        lambda _: ResidentArray.from_device(next(parts), recorder),
-        lambda kernels: type(kernels)(recorder),
-    )
-    return [rebuild(each, replace) for each in given]
-
-
-def _make_slots(
-    result: Any,
-    recorder: LaunchRecorder,
-    inputs: Sequence[DeviceArray],
-    numbers: DeviceArray,
-    blocks: dict[int, DeviceArray],
-) -> Any:
-    """Return a result with slots for its arrays, and note the blocks of those that it computes."""
-    references = [refer(each) for each in inputs]
-
-    def of_array(array: Any) -> Slot:
-        if not isinstance(array, ResidentArray):
-            raise NotRecordableError(f"it returns an array of the processor {array.shape}")
-        found = array.on_device(recorder.upload)
-        reference = refer(found)
-        index = find_input(references, reference)
-        if index is not None:
-            if reference == references[index]:
-                return Slot("argument", index)
-            return Slot("argument", index, reference._replace(offset=found.offset - inputs[index].offset))
-        if found.block.serial not in recorder.recording.sizes:
-            raise NotRecordableError(f"it returns a constant array {found.shape}")
-        blocks[found.block.serial] = found
-        return Slot("computed", reference=reference)
-
-    def of_number(number: Any) -> Any:
-        if not isinstance(number, ResidentArray):
-            return number
-        found = number.on_device(recorder.upload)
-        if found.block is not numbers.block:
-            return of_array(number)
-        return Slot("number", found.offset // found.dtype.itemsize)
-
-    return rebuild(result, Replacements(of_array, of_number, lambda _: Slot("kernels")))
-
-
-def _fill_result(
-    result: Any, resident: Any, found: Given, find: Callable[[ArrayReference], DeviceArray]
-) -> Any:
-    """Return the result of a recorded function: its arrays by their references, or what it was given."""
-
-    def of_slot(slot: Slot) -> Any:
-        if slot.kind == "computed":
-            return ResidentArray.from_device(find(slot.reference), resident)
-        if slot.kind == "number":
-            return found.numbers[slot.index]
-        if slot.kind == "kernels":
-            return found.kernels[0]
-        argument = found.arrays[slot.index]
-        if slot.reference is None:
-            return argument
-        whole, part = argument.on_device(resident.upload), slot.reference
-        array = DeviceArray(whole.block, part.shape, part.dtype, whole.offset + part.offset)
-        return ResidentArray.from_device(array, resident)
-
-    return fill(result, of_slot)

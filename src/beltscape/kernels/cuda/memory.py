@@ -13,8 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 
 MOST_BYTES = 12 << 30
-"""Bound of a pool without a GPU: a frame takes 740 to 1130 bytes a pixel with its graphs (emulated, preset
-``standard``; the more pixels are refined, the more), so two frames of 2448 × 2048 px in flight fit."""
+"""Bound of a pool without a GPU: a frame takes 980 bytes a pixel, and 1400 with its graphs (emulated, preset
+``standard``; the more pixels are refined, the more). Two frames of 2448 × 2048 px in flight fit, one of them with its
+graphs."""
 _GRAIN = 1 << 16
 """Blocks are multiples of this, so that arrays of nearly one size share them."""
 
@@ -172,19 +173,26 @@ class MemoryPool:
             self._free.setdefault(size, []).append((raw, events))
 
     def _allocate(self, size: int) -> Any:
-        if self.allocated + size > self.bound:
-            self._trim()
-        if self.allocated + size > self.bound:
-            self.reclaim()
-            self._collect()
-            self._trim()
-        if self.allocated + size > self.bound:
-            raise MemoryExceededError(
-                f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
-            )
-        raw = self.allocate(size)
-        self.allocated += size
-        return raw
+        reason = f"the arrays of a frame exceed the bound of {self.bound >> 20} MB of the GPU's memory"
+        for make_room in (lambda: None, self._trim, self._reclaim):
+            make_room()
+            if self.allocated + size > self.bound:
+                continue
+            try:
+                raw = self.allocate(size)
+            except DeviceError as error:
+                if "OUT_OF_MEMORY" not in str(error):
+                    raise
+                reason = f"{error}: {self.allocated >> 20} MB of the GPU's are held here, the rest by others"
+                continue
+            self.allocated += size
+            return raw
+        raise MemoryExceededError(reason)
+
+    def _reclaim(self) -> None:
+        self.reclaim()
+        self._collect()
+        self._trim()
 
     def _trim(self) -> None:
         for size, blocks in self._free.items():

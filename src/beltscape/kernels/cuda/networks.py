@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.kernels.arrays import MOST_LAYERS
 from beltscape.kernels.cuda.device import blocks_of
 from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.planes import upload_programs
 from beltscape.kernels.cuda.workspace import Workspace
 
 SENDERS = 2
 """Senders without a state of their own (``kSenders`` of networks.cuh)."""
-MOST_LAYERS = 8
-"""Of one network (``kMostLayers`` of networks.cuh)."""
 _THREADS = 128, 1, 1
 """Of a block, which take a pixel each."""
 
@@ -40,6 +40,20 @@ def evaluate_network(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -
         "network_outputs", _grid(pixels), _THREADS, *features, *_upload_layers(work, given.layers), outputs
     )
     return [outputs.part(unit) for unit in range(len(out))]
+
+
+def evaluate_network_of_programs(
+    work: Workspace, given: Any, out: Sequence[NDArray[Any]]
+) -> list[DeviceArray]:
+    """Compute `beltscape.kernels.networks.NetworkKernels.evaluate_network` of features that are expressions."""
+    height, width = out[0].shape
+    program, inputs = upload_programs(work, given)
+    results = work.allocate((len(out), height, width), np.float32)
+    features = program, work.upload(given.ends), work.upload(given.stored_rows), len(given.ends)
+    layers = work.upload(given.limits), *_upload_layers(work, given.layers)
+    grid = _grid(height * width)
+    work.launch("network_of_programs", grid, _THREADS, *features, *inputs, width, height, *layers, results)
+    return [results.part(i) for i in range(len(out))]
 
 
 def pass_messages(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:

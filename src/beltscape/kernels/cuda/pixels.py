@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from beltscape.kernels.cuda.device import blocks_of
 from beltscape.kernels.cuda.images import grid_of
 from beltscape.kernels.cuda.memory import DeviceArray
+from beltscape.kernels.cuda.planes import evaluate_expression
 from beltscape.kernels.cuda.workspace import Workspace
+from beltscape.kernels.expressions import ExpressionInput
 
 _SEGMENT = 64
 """Pixels that a thread counts (``kSegment`` of pixels.cuh)."""
@@ -37,8 +39,11 @@ def list_pixels(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> lis
 
 def put_pixels(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
     """Compute `beltscape.kernels.planes.PixelKernels.put_pixels`."""
-    plane = work.allocate(out[0].shape, np.float32)
-    work.launch("copy_floats", grid_of(plane.size), _THREADS, work.upload(given.plane), plane.size, plane)
+    if isinstance(given.plane, ExpressionInput):
+        (plane,) = evaluate_expression(work, given.plane, out)
+    else:
+        plane = work.allocate(out[0].shape, np.float32)
+        work.launch("copy_floats", grid_of(plane.size), _THREADS, work.upload(given.plane), plane.size, plane)
     places = work.upload(given.rows), work.upload(given.columns), given.rows.size
     values, width = work.upload(given.values), out[0].shape[1]
     if given.rows.size:

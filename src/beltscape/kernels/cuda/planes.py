@@ -27,14 +27,19 @@ def evaluate_expression(work: Workspace, given: Any, out: Sequence[NDArray[Any]]
     """Compute a program of `beltscape.kernels.expressions` for a result of two axes."""
     height, width = out[0].shape
     result = work.allocate(out[0].shape, out[0].dtype)
-    layout = np.array([_layout_of(each) for each in given.inputs] or [(0, 0, 0)], np.int32)
-    program = work.upload(given.program), len(given.program)
-    inputs = work.upload_all(given.inputs), work.upload(layout), work.upload(given.constants)
+    program, inputs = upload_programs(work, given)
     kernel = "evaluate_floats" if out[0].dtype == np.float32 else "evaluate_bytes"
     grid = blocks_of(width, _THREADS[0]), min(height, _MOST_ROWS), 1
     as_bytes = result if out[0].dtype == np.float32 else result.viewed(np.dtype(np.uint8))
-    work.launch(kernel, grid, _THREADS, *program, *inputs, width, height, as_bytes)
+    work.launch(kernel, grid, _THREADS, program, len(given.program), *inputs, width, height, as_bytes)
     return [result]
+
+
+def upload_programs(work: Workspace, given: Any) -> tuple[DeviceArray, tuple[DeviceArray, ...]]:
+    """Return the operations of programs, and their inputs' addresses, layouts and constants."""
+    layout = np.array([_layout_of(each) for each in given.inputs] or [(0, 0, 0)], np.int32)
+    inputs = work.upload_all(given.inputs), work.upload(layout), work.upload(given.constants)
+    return work.upload(given.program), inputs
 
 
 def _layout_of(array: Any) -> tuple[int, int, int]:
@@ -56,6 +61,20 @@ def average_windows(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) ->
     averaged = sums, width, height, rows // 2, repeated, columns
     work.launch("average_window_columns", grid, TILE, *averaged, result)
     return [result]
+
+
+def measure_moments(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:
+    """Compute `beltscape.kernels.planes.PlaneKernels.measure_moments`."""
+    height, width = out[0].shape
+    columns, rows = given.size
+    sums = work.allocate((4, height, width), np.float32)
+    results = [work.allocate((height, width), np.float32) for _ in out]
+    repeated, grid = int(given.choice), tile_grid((height, width))
+    plane = work.upload(given.plane), width, height
+    work.launch("sum_moment_rows", grid, TILE, *plane, columns // 2, repeated, sums)
+    averaged = sums, width, height, rows // 2, repeated, columns
+    work.launch("average_moment_columns", grid, TILE, *averaged, *results)
+    return results
 
 
 def find_extremes(work: Workspace, given: Any, out: Sequence[NDArray[Any]]) -> list[DeviceArray]:

@@ -161,6 +161,7 @@ class LaunchRecorder:
     def keep(self, array: NDArray[Any]) -> NDArray[Any]:
         """See `beltscape.kernels.cuda.backend.ResidentBackend.keep`."""
         if isinstance(array, ResidentArray):
+            array.mark_reused()
             return array
         return cast("NDArray[Any]", ResidentArray.from_host(array, self))
 

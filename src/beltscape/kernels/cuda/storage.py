@@ -47,6 +47,8 @@ class RecordedFunction:
     retained: list[Any]
     """See `beltscape.kernels.cuda.arguments.Given`."""
     storage: Storage
+    fixed: frozenset[int]
+    """``id`` of the parts of the result without a slot, see `beltscape.kernels.cuda.arguments.find_fixed`."""
 
 
 def plan_storage(

@@ -99,10 +99,10 @@ class Workspace:
         """Run a kernel; see `beltscape.kernels.cuda.device.GpuDevice`."""
         self._device.launch(self._stream, kernel, grid, block, arguments, shared_bytes)
 
-    def use(self, arrays: Iterable[DeviceArray]) -> None:
-        """Wait for the last uses of arrays that the next graph reads or writes, and note this one."""
-        for each in arrays:
-            self._use(each)
+    def use(self, blocks: Iterable[MemoryBlock]) -> None:
+        """Wait for the last uses of memory that the next graph reads or writes, and note this one."""
+        for each in blocks:
+            self._use_block(each)
 
     def copy_to(self, source: NDArray[Any] | DeviceArray, array: DeviceArray) -> None:
         """Copy an array of the processor or of the device to one of the device."""
@@ -163,13 +163,15 @@ class Workspace:
         return copy
 
     def _use(self, array: DeviceArray) -> DeviceArray:
-        block = array.block
+        self._use_block(array.block)
+        return array
+
+    def _use_block(self, block: MemoryBlock) -> None:
         if id(block) not in self._used:
             for stream, event in list(block.events.items()):
                 if stream != id(self._stream):
                     self._device.wait(self._stream, event)
             self._used[id(block)] = block
-        return array
 
 
 Kind = TypeVar("Kind", bound=Workspace)

@@ -24,7 +24,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
-from beltscape.kernels import gpu_failures
+from beltscape.kernels import gpu_failures, is_gpu_expected
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import (
     FrameMeasurer,
@@ -310,6 +310,10 @@ def open_workers(
         yield MatchWorkers(pool, make_matcher, files, reporter, sends_images=options.address is None)
 
 
+_MOST_ON_GPU = 4
+"""Workers that match on one GPU. Each opens it, with a context and graphs of its own, some GB for five images of
+2448 × 2048 px. A worker's own part of a frame takes about as long as the GPU's (benchmarks/GPU.md): two hide it, two
+more the transfers and the rest of the measurement."""
 _WORKERS_OF_HELPER = 6
 """Workers for each helper: calls take 0.04 CPU s of a set of 612×512, matching at least 0.24, both four times as much
 with twice the width."""
@@ -318,11 +322,15 @@ Submit = Callable[[FrameSet, MeasurementRequest], PendingFrame]
 
 
 def count_workers(setting: int | Literal["auto"]) -> int:
-    """Return the number of worker processes for the setting: one for each core, and none where there is one only."""
+    """Return the number of worker processes for the setting.
+
+    ``auto`` is one for each core, at most `_MOST_ON_GPU` where they match on a GPU, and none where there is one core.
+    """
     if setting != "auto":
         return setting
     cores = count_usable_cores()
-    return cores if cores > 1 else 0
+    workers = min(cores, _MOST_ON_GPU) if is_gpu_expected() else cores
+    return workers if cores > 1 else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from beltscape.stereo.multiview.photoconsistency import (
     PhotometricGain,
     compute_photo_consistency_features,
     estimate_gain,
+    find_doubtful_pixels,
 )
 from beltscape.stereo.multiview.surface import Surface
 
@@ -55,6 +56,12 @@ class Selection:
     """(H, W) logit of the probability of being right; the selected candidate's where there were candidates."""
     gain: PhotometricGain
     """Gain with which the levels were compared."""
+    doubtful: FoundPixels | None = None
+    """On a GPU the `find_doubtful_pixels` of the confidence, so that their number is known when it is refined."""
+
+    def list_doubtful_pixels(self) -> Pixels | None:
+        """Return the doubtful pixels of a GPU, for whose number the processor waits; else None."""
+        return self.doubtful.cut() if self.doubtful else None
 
 
 def begin_selection(
@@ -94,16 +101,23 @@ def finish_selection(selector: CandidateSelector, uncertain: FoundPixels | NDArr
 
 def _select_on_device(selector: CandidateSelector, parts: Sequence[Pixels]) -> Selection:
     """Return what `finish_selection` does, of planes on a GPU."""
-    surface, context = selector.surface, selector.consistency.prepared.context
+    surface, replay = selector.surface, selector.consistency.prepared.context.kernels.replay
     selected = [surface.s, surface.slope_u, surface.slope_v, selector.planes["initial confidence"]]
+    doubtful: FoundPixels | None = None
     for pixels in parts:
-        selected = context.kernels.replay(_select_at, selector, pixels, selected)
+        selected, doubtful = replay(_select_at, selector, pixels, selected)
     *planes, confidence = selected
-    return Selection(Surface(*planes), confidence, selector.consistency.gain)
+    doubtful = doubtful or cast("FoundPixels", replay(find_doubtful_pixels, confidence))
+    return Selection(Surface(*planes), confidence, selector.consistency.gain, doubtful)
 
 
-def _select_at(selector: CandidateSelector, pixels: Pixels, selected: list[Floats]) -> list[Floats]:
-    """Return s, its slopes and the initial confidence (H, W) with those of selected candidates at some pixels."""
+def _select_at(
+    selector: CandidateSelector, pixels: Pixels, selected: list[Floats]
+) -> tuple[list[Floats], FoundPixels]:
+    """Return s, its slopes and the initial confidence (H, W) with those of selected candidates at some pixels.
+
+    Besides, the pixels that are doubtful then.
+    """
     kernels = PixelKernels(selector.consistency.prepared.context.kernels.backend)
     candidates, features = selector.find_candidates(pixels)
     logits = selector.compute_logits(candidates, features)
@@ -112,7 +126,10 @@ def _select_at(selector: CandidateSelector, pixels: Pixels, selected: list[Float
     own = [plane[pixels] for plane in selected]
     found: list[Floats] = [np.where(number > 0, new, old) for new, old in zip(offered, own, strict=False)]
     found.append(np.where(np.isfinite(logit), logit, own[-1]))
-    return [kernels.put_pixels(plane, pixels, values) for plane, values in zip(selected, found, strict=True)]
+    planes = [
+        kernels.put_pixels(plane, pixels, values) for plane, values in zip(selected, found, strict=True)
+    ]
+    return planes, cast("FoundPixels", find_doubtful_pixels(planes[-1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,11 +28,7 @@ from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.correlated_noise import inflate_sigma
 from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState, compute_initial_features
 from beltscape.stereo.multiview.parallel import Pixels, find_pixels, run_pair, run_parallel, split_pixels
-from beltscape.stereo.multiview.refined_features import (
-    RefinementInputs,
-    RefinementStart,
-    begin_refinement,
-)
+from beltscape.stereo.multiview.refined_features import RefinementInputs
 from beltscape.stereo.multiview.surface import Surface
 
 CONTRADICTION = 0.4
@@ -109,11 +105,11 @@ def predict_depth(state: MatcherState) -> PredictedDepth:
     if state.selection is None:
         inputs, features, prediction = context.kernels.replay(_predict_fast, state)
     else:
-        start = context.kernels.replay(_begin_refinement, state, state.selection)
-        inputs, features = start.inputs, start.initial_features
-        refinement, prediction, uncertain = context.kernels.replay(
-            _predict, start, start.list_doubtful_pixels()
+        selection = state.selection
+        inputs, refinement, prediction, uncertain = context.kernels.replay(
+            _predict, state, selection, selection.list_doubtful_pixels()
         )
+        features = refinement.planes
         prediction = refine_uncertain_pixels(prediction, refinement, uncertain)
     sigma = inflate_sigma(np.exp(prediction.log_sigma), inputs)
     return PredictedDepth(prediction, sigma, inputs, features["mean cost"], state.textured, state.filled)
@@ -148,19 +144,16 @@ def _predict_fast(state: MatcherState) -> tuple[ConfidenceInputs, dict[str, Floa
     return inputs, features, Prediction(inputs.surface.s, *outputs)
 
 
-def _begin_refinement(state: MatcherState, selection: Selection) -> RefinementStart:
-    """Return what the refinement begins with, for the matched surface."""
-    return begin_refinement(*_compute_inputs(state), selection)
-
-
 def _predict(
-    start: RefinementStart, doubtful: Pixels | NDArray[np.bool_]
-) -> tuple[RefinementInputs, Prediction, FoundPixels | NDArray[np.bool_]]:
-    """Return the inputs of the refinement, the prediction (H, W) before it, and the pixels to be refined."""
-    inputs, context = RefinementInputs.from_start(start, doubtful), start.context
-    outputs = load_network("confidence").evaluate(inputs.planes, context.kernels, context.threads)
+    state: MatcherState, selection: Selection, doubtful: Pixels | None
+) -> tuple[ConfidenceInputs, RefinementInputs, Prediction, FoundPixels | NDArray[np.bool_]]:
+    """Return the inputs, those of the refinement, the prediction (H, W) before it, and the pixels to be refined."""
+    context = state.prepared.context
+    inputs, features = _compute_inputs(state)
+    refinement = RefinementInputs.from_selection(inputs, features, selection, doubtful)
+    outputs = load_network("confidence").evaluate(refinement.planes, context.kernels, context.threads)
     prediction = Prediction(inputs.surface.s, *outputs)
-    return inputs, prediction, find_uncertain_pixels(prediction)
+    return inputs, refinement, prediction, find_uncertain_pixels(prediction)
 
 
 def find_uncertain_pixels(prediction: Prediction) -> FoundPixels | NDArray[np.bool_]:

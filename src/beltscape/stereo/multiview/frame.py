@@ -197,8 +197,7 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = {name: downsample(level, step) for name, level in levels.items()}
     levels = match_defocus(rig.core, levels, threads)
-    core = levels[rig.core]
-    noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
+    noise = Noise(raw / step**2, _MODEL_VARIANCE, 0.0, demosaiced)
     own_view = pack_projection(rig, rig.core, context.inverse_depth_scale, step, step)
     given: dict[str, NDArray[np.float32] | ByteLevels] = {}
     for name, level in levels.items():
@@ -232,10 +231,14 @@ def _place_on_grid(
     noise: Noise,
     context: MatchContext,
 ) -> PreparedFrame:
-    """Return the frame of levels on the grid of ``context``; ``own_view`` (39,) is the core's own projection."""
+    """Return the frame of levels on the grid of ``context``; ``own_view`` (39,) is the core's own projection.
+
+    The strongest texture is added to the noise.
+    """
     kernels, threads = context.kernels, context.threads
     core, *others = (each.compute() if isinstance(each, ByteLevels) else each for each in (core, *images))
     coefficients = kernels.spline_coefficients(core, threads=threads)
+    noise = replace(noise, texture=_find_strongest_texture(core))
     s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
     undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
     return PreparedFrame(

@@ -168,20 +168,18 @@ def compute_photometric_features(
     surface: Surface,
     initial_confidence: Floats,
     consistency: PhotoConsistencyModel,
-    doubtful: Pixels | FoundPixels | NDArray[np.bool_] | None = None,
+    listed: Pixels | None = None,
 ) -> Iterator[tuple[str, Floats]]:
-    """Yield the photo-consistency (H, W) by name, evaluated at the ``doubtful`` pixels of `find_doubtful_pixels`.
+    """Yield the photo-consistency (H, W) by name, evaluated at the doubtful pixels of `find_doubtful_pixels`.
 
-    The other pixels count as consistent and visible in no view.
+    They are found anew unless a GPU has listed them. The other pixels count as consistent and visible in no view.
     """
     prepared = consistency.prepared
     auxiliaries = len(prepared.images)
-    if doubtful is None:
-        doubtful = find_doubtful_pixels(initial_confidence)
-    if isinstance(doubtful, FoundPixels):
-        doubtful = doubtful.cut()
+    doubtful = listed or find_doubtful_pixels(initial_confidence)
     if isinstance(doubtful, tuple):
-        given = doubtful, surface, initial_confidence, consistency
+        pixels = doubtful.cut() if isinstance(doubtful, FoundPixels) else doubtful
+        given = pixels, surface, initial_confidence, consistency
         yield from prepared.context.kernels.replay(_compute_at, *given).items()
         return
     places = np.flatnonzero(doubtful)

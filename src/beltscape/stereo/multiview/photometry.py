@@ -24,12 +24,14 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
 from beltscape.core.statistics import compute_quantile
-from beltscape.kernels.planes import blur, to_single
+from beltscape.kernels.planes import blur, measure_moments, to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.parallel import run_parallel
 
 WINDOW_PX = 7
 """Radius of the window in which levels are normalised."""
+_WINDOW = 2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1
+"""Its width and height."""
 _FULL = 255.0
 """Levels are given in 8-bit counts for images of any bit depth."""
 _QUANTISATION = 1.0 / np.sqrt(12.0)
@@ -93,7 +95,7 @@ def estimate_noise_variance(level: NDArray[np.float32]) -> float:
 
 def compute_local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the (H, W) float32 mean within `WINDOW_PX` around each pixel."""
-    return blur(level, (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1), repeat_edge=True)
+    return blur(level, _WINDOW, repeat_edge=True)
 
 
 def compute_local_variance(level: NDArray[np.float32], stride: int = 1) -> NDArray[np.float32]:
@@ -105,24 +107,17 @@ def compute_local_moments(
     level: NDArray[np.float32], stride: int = 1
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return mean and variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
-    mean, square = (compute_local_mean(x) for x in (level, level * level))
-    if stride > 1:
-        mean, square = (x[::stride, ::stride] for x in (mean, square))
-    return mean, _compute_variance(mean, square)
+    if stride == 1:
+        return measure_moments(level, _WINDOW, repeat_edge=True)
+    mean, square = (compute_local_mean(x)[::stride, ::stride] for x in (level, level * level))
+    return mean, np.maximum(square - mean * mean, 0)
 
 
 def compute_box_moments(
     image: NDArray[np.float32], box: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the (H, W) mean and (H, W) variance in windows of (width, height) ``box``."""
-    mean, square = (blur(x, box) for x in (image, image * image))
-    return mean, _compute_variance(mean, square)
-
-
-def _compute_variance(mean: NDArray[np.float32], square: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the variance of values with a mean and a mean square, which it overwrites."""
-    square -= mean * mean
-    return np.maximum(square, 0, out=square)
+    return measure_moments(image, box)
 
 
 def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:

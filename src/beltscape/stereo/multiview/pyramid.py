@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN, compute_median
-from beltscape.kernels import Kernels
 from beltscape.kernels.planes import to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.depth_range import (
@@ -213,16 +212,18 @@ class PyramidSolver:
         distances, narrow = settings.offsets_px(prepared.context.scale), prepared.context.windows.narrow
         for turn in range(settings.rounds):
             alternating = turn % 2 if settings.rounds > 1 else None
-            propagated, solution = prepared.context.kernels.replay(
-                _run_round, surface, prepared, distances, alternating, settings.round_tolerances_px, narrow
-            )
-            if turn + 1 == settings.rounds or _is_settled(
-                surface, propagated.surface, prepared.context.kernels
-            ):
-                self.on_step()
-                return propagated, solution
+            given = surface, prepared, distances, alternating, settings.round_tolerances_px, narrow
+            if turn + 1 == settings.rounds:
+                propagated, solution = prepared.context.kernels.replay(_run_round, *given)
+                break
+            propagated, solution, changed = prepared.context.kernels.replay(_run_and_compare_round, *given)
+            if float(changed) < _SETTLED:  # the processor waits for it
+                break
             surface = solution.surface
-        raise ValueError("propagation needs at least one round")
+        else:
+            raise ValueError("propagation needs at least one round")
+        self.on_step()
+        return propagated, solution
 
     def _solve_half(self, prepared: PreparedFrame) -> tuple[Surface, Noise]:
         """Return the surface of the grid of half the resolution, enlarged, and the noise on it."""
@@ -258,6 +259,14 @@ def _run_round(
     return propagated, solve_least_squares(propagated.surface, prepared, tolerances_px, radii)
 
 
+def _run_and_compare_round(
+    surface: Surface, prepared: PreparedFrame, *settings: Any
+) -> tuple[PropagationResult, LeastSquaresResult, Any]:
+    """Return the results of `_run_round`, and the share of pixels that propagation changed."""
+    propagated, solution = _run_round(surface, prepared, *settings)
+    return propagated, solution, _compute_changed_share(surface, propagated.surface)
+
+
 def _sweep_and_fit(
     prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
 ) -> tuple[Surface, Noise]:
@@ -277,11 +286,6 @@ def _fit_swept_surface(s: NDArray[np.float32], prepared: PreparedFrame) -> tuple
     surface = fit_slopes(s, context.kernels, context.threads)
     surface = solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
     return surface, estimate_noise(surface, prepared)
-
-
-def _is_settled(before: Surface, after: Surface, kernels: Kernels) -> bool:
-    """Return whether hardly a pixel changed; the processor waits for it."""
-    return float(kernels.replay(_compute_changed_share, before, after)) < _SETTLED
 
 
 def _compute_changed_share(before: Surface, after: Surface) -> Any:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
-from beltscape.kernels.planes import FoundPixels, average_areas, blur, dilate, interpolate_plane
+from beltscape.kernels.planes import average_areas, blur, dilate, interpolate_plane
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
@@ -28,12 +28,11 @@ from beltscape.stereo.multiview.features import (
     limit_confidence,
 )
 from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame
-from beltscape.stereo.multiview.parallel import Pixels, collect_parallel, run_pair
+from beltscape.stereo.multiview.parallel import Pixels, collect_parallel
 from beltscape.stereo.multiview.photoconsistency import (
     PhotoConsistencyModel,
     compute_photo_consistency_features,
     compute_photometric_features,
-    find_doubtful_pixels,
 )
 from beltscape.stereo.multiview.surface import Surface, fill_nan
 
@@ -65,90 +64,30 @@ TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
 """Shifts of s at which the photo-consistency is evaluated, at scale 1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RefinementStart:
-    """What the inputs of the refinement are made of, before the photo-consistency at doubtful pixels."""
-
-    inputs: ConfidenceInputs
-    initial_features: Mapping[str, Floats]
-    """(H, W) by name, before candidate selection."""
-    initial_confidence: Floats
-    """(H, W) logit, after candidate selection."""
-    around: Mapping[str, Floats]
-    """(H, W) by name: the initial confidence around a pixel."""
-    roughness: Mapping[str, Floats]
-    """(H, W) by name."""
-    consistency: PhotoConsistencyModel
-    neighbourhood: Neighbourhood
-    doubtful: FoundPixels | NDArray[np.bool_]
-    """Pixels whose photo-consistency is evaluated."""
-
-    @property
-    def context(self) -> MatchContext:
-        """Context of the frame."""
-        return self.inputs.prepared.context
-
-    def list_doubtful_pixels(self) -> Pixels | NDArray[np.bool_]:
-        """Return the doubtful pixels of a GPU as a list, for whose length the processor waits; else their mask."""
-        return self.doubtful.cut() if isinstance(self.doubtful, FoundPixels) else self.doubtful
-
-
-def begin_refinement(
-    inputs: ConfidenceInputs, initial_features: Mapping[str, Floats], selection: Selection
-) -> RefinementStart:
-    """Return what `RefinementInputs` are made of, for a surface after candidate selection."""
-    prepared = inputs.prepared
-    confidence = limit_confidence(selection.initial_confidence)
-    around, roughness = _compute_around(inputs, confidence, initial_features["slope deviation"])
-    return RefinementStart(
-        inputs,
-        initial_features,
-        confidence,
-        around,
-        roughness,
-        PhotoConsistencyModel(prepared, selection.gain, inputs.buffers),
-        Neighbourhood.from_surface(inputs.surface.s, confidence, prepared),
-        find_doubtful_pixels(confidence),
-    )
-
-
 def compute_refined_features(
-    start: RefinementStart, doubtful: Pixels | NDArray[np.bool_]
+    inputs: ConfidenceInputs,
+    initial_features: Mapping[str, Floats],
+    initial_confidence: Floats,
+    consistency: PhotoConsistencyModel,
+    doubtful: Pixels | None,
 ) -> dict[str, Floats]:
-    """Return the features (H, W) after candidate selection, with the photo-consistency at the doubtful pixels."""
-    inputs, initial_features = start.inputs, start.initial_features
+    """Return the features (H, W) after candidate selection, which gave the initial confidence (H, W), a logit.
+
+    The photo-consistency is evaluated at the doubtful pixels; None: they are not listed yet.
+    """
+    given = inputs.surface, initial_confidence, consistency, doubtful
     parts = (
-        partial(
-            compute_photometric_features,
-            inputs.surface,
-            start.initial_confidence,
-            start.consistency,
-            doubtful,
-        ),
-        start.around.items,
+        partial(compute_photometric_features, *given),
+        partial(compute_reliability_features, inputs, initial_confidence),
+        partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
         inputs.image_features.items,
-        start.roughness.items,
+        partial(compute_roughness_features, inputs, initial_features["slope deviation"]),
     )
     # image features stand in the parts' order: a fit depends on the order of the features
     of_surface = {
         name: plane for name, plane in initial_features.items() if name not in inputs.image_features
     }
     return of_surface | collect_parallel(parts, inputs.prepared.context.threads)
-
-
-def _compute_around(
-    inputs: ConfidenceInputs, initial_confidence: Floats, slope_deviation: Floats
-) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the features of the initial confidence (H, W), a logit, around each pixel, and those of roughness."""
-    parts = (
-        partial(compute_reliability_features, inputs, initial_confidence),
-        partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
-    )
-    roughness = partial(compute_roughness_features, inputs, slope_deviation)
-    threads = inputs.prepared.context.threads
-    return run_pair(
-        lambda: collect_parallel(parts, threads), lambda: collect_parallel((roughness,), threads), threads
-    )
 
 
 def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: Floats) -> Features:
@@ -226,19 +165,23 @@ class RefinementInputs:
 
     @classmethod
     def from_selection(
-        cls, inputs: ConfidenceInputs, initial_features: Mapping[str, Floats], selection: Selection
+        cls,
+        inputs: ConfidenceInputs,
+        initial_features: Mapping[str, Floats],
+        selection: Selection,
+        doubtful: Pixels | None = None,
     ) -> RefinementInputs:
-        """Return the inputs for a surface after candidate selection."""
-        kernels = inputs.prepared.context.kernels
-        start = kernels.replay(begin_refinement, inputs, initial_features, selection)
-        return kernels.replay(cls.from_start, start, start.list_doubtful_pixels())
-
-    @classmethod
-    def from_start(cls, start: RefinementStart, doubtful: Pixels | NDArray[np.bool_]) -> RefinementInputs:
-        """Return the inputs for a surface after candidate selection, whose doubtful pixels are listed."""
-        planes, keep = compute_refined_features(start, doubtful), start.context.kernels.keep
-        kept = {name: keep(plane) for name, plane in planes.items()}
-        return cls(kept, start.inputs.surface, start.consistency, start.neighbourhood)
+        """Return the inputs for a surface after candidate selection; see `compute_refined_features`."""
+        prepared, keep = inputs.prepared, inputs.prepared.context.kernels.keep
+        confidence = limit_confidence(selection.initial_confidence)
+        consistency = PhotoConsistencyModel(prepared, selection.gain, inputs.buffers)
+        planes = compute_refined_features(inputs, initial_features, confidence, consistency, doubtful)
+        return cls(
+            {name: keep(plane) for name, plane in planes.items()},
+            inputs.surface,
+            consistency,
+            Neighbourhood.from_surface(inputs.surface.s, confidence, prepared),
+        )
 
     @property
     def context(self) -> MatchContext:

@@ -1,10 +1,11 @@
 """Where the claims hold: accuracy, σ and volume as one property of the plant after another changes.
 
-    python benchmarks/axes.py [--scenes TEXT …] [--presets NAME …] [--least-confidence P] [--cache FOLDER] [--out FILE]
+    python benchmarks/axes.py [--scenes TEXT …] [--presets NAME …] [--least-confidence P]
+                              [--cache FOLDER] [--out FILE]
 
-The scenes (matching/axes.toml) differ from one plant in one respect each, and were used for no fit. They are rendered
-once (a minute each). With --least-confidence the presets reject what is less probable than that. With the exact rig and
-the exact empty belt every row shows the matcher and the filling of holes alone. The columns:
+The scenes (matching/axes.toml) differ from one plant in one respect each, and were used for no fit. They are
+rendered once (a minute each). With --least-confidence the presets reject what is less probable than that. With the
+exact rig and the exact empty belt every row shows the matcher and the filling of holes alone. The columns:
 
 < 1 mm       share of all true pixels of the material or the module that are measured within 1 mm
 in reach     share of them that the projector lights and an auxiliary sees

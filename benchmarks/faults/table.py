@@ -29,8 +29,15 @@ def format_row(verdict: RowResult) -> str:
 
 def format_count(verdicts: Sequence[RowResult]) -> str:
     """Return the last line."""
-    passed = sum(verdict.passes for verdict in verdicts)
-    return f"{passed} passed, {len(verdicts) - passed} failed"
+    return _count([verdict.passes for verdict in verdicts])
+
+
+def _count(passes: Sequence[bool]) -> str:
+    return f"{sum(passes)} passed, {len(passes) - sum(passes)} failed"
+
+
+def _today() -> str:
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def write_table(
@@ -44,11 +51,10 @@ def write_table(
 
     ``commit`` are those at which the rows were played.
     """
-    today = datetime.datetime.now(datetime.UTC).date().isoformat()
     lines = [
         "# Faults",
         "",
-        f"Written by `make faults` on {today}; played at commit {commit}. {description}",
+        f"Written by `make faults` on {_today()}; played at commit {commit}. {description}",
         "",
         "Times are seconds of the recording from the fault on, and frames. Metres and the total count from the fault",
         "on, against the exact truth of the rendered heap. A row passes if the fault is named in time, no wrong",
@@ -79,22 +85,18 @@ def renew_rows(path: Path, sections: Sequence[tuple[str, Mapping[str, KeptResult
     Its first lines name what was renewed, at which commit and on which day. ValueError where a row is not in its
     section: then the table has to be written as a whole.
     """
-    lines, today = (
-        path.read_text("utf-8").splitlines(),
-        datetime.datetime.now(datetime.UTC).date().isoformat(),
-    )
+    lines = path.read_text("utf-8").splitlines()
     renewed: list[str] = []
     for heading, results in sections:
         for name, kept in results.items():
             lines[_find_row(lines, heading, name)] = format_row(kept.result)
-            renewed.append(f"*{name}* ({heading}) at commit {kept.commit} on {today}")
+            renewed.append(f"*{name}* ({heading}) at commit {kept.commit} on {_today()}")
     if renewed:
         head = next(at for at, line in enumerate(lines) if line.startswith("Written by"))
         lines[head] += f" Renewed since: {', '.join(renewed)}."
     verdicts = [line for line in lines if line.endswith("| passed |") or "| **failed**: " in line]
-    passed = sum(line.endswith("| passed |") for line in verdicts)
     at = next(at for at, line in enumerate(lines) if _COUNT.fullmatch(line))
-    lines[at] = f"{passed} passed, {len(verdicts) - passed} failed."
+    lines[at] = f"{_count([line.endswith('| passed |') for line in verdicts])}."
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

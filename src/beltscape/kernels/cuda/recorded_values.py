@@ -22,16 +22,16 @@ def separate(
     given: Sequence[ResidentArray], arrays: Sequence[DeviceArray], work: RecordingWorkspace
 ) -> list[DeviceArray]:
     """Return arrays of which no two lie in the same memory, unless they are the same one: in a graph they may not."""
-    separate: list[DeviceArray] = []
+    apart: list[DeviceArray] = []
     for i, array in enumerate(arrays):
         same = next((j for j in range(i) if given[j].identity == given[i].identity), None)
         if same is not None:
-            separate.append(separate[same])
+            apart.append(apart[same])
         elif any(each.block is array.block for each in arrays[:i]):
-            separate.append(work.copy_argument(array))
+            apart.append(work.copy_argument(array))
         else:
-            separate.append(array)
-    return separate
+            apart.append(array)
+    return apart
 
 
 def replace_given(
@@ -91,7 +91,10 @@ def fill_result(
     find: Callable[[ArrayReference], DeviceArray],
     fixed: frozenset[int] = frozenset(),
 ) -> Any:
-    """Return the result of a recorded function: its arrays by their references, or what it was given."""
+    """Return the result of a recorded function: its arrays by their references, or what it was given.
+
+    ``fixed`` are the parts of `beltscape.kernels.cuda.arguments.find_fixed`, which stay as they are.
+    """
 
     def of_slot(slot: Slot) -> Any:
         if slot.kind == "computed":

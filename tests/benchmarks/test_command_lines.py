@@ -365,7 +365,8 @@ def test_fused_lumps(tmp_path, monkeypatch, capsys):
     benchmark = importlib.import_module("fused_lumps")
     heaps = importlib.import_module("fused_belt")
     least = heaps.MovingHeap(5, 2, (20, 79, 50), 40, speed_mm_s=1500, scale=0.125)
-    monkeypatch.setattr(benchmark, "HEAPS", {"least": least})
+    for module in (benchmark, heaps):
+        monkeypatch.setattr(module, "HEAPS", {"least": least})
     monkeypatch.setattr(sys, "argv", ["fused_lumps.py", str(tmp_path), "--heaps", "least"])
     benchmark.main()
     rows = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]

@@ -11,13 +11,13 @@ from pydantic import ValidationError
 from scipy import ndimage
 
 from beltscape.learned.registry import load_network
-from beltscape.measure.lumps.features import compute_features, fill_gaps
+from beltscape.measure.lumps.features import compute_features, fill_gaps, find_beyond
 from beltscape.measure.lumps.lumps import compute_distribution, compute_passing_sizes
 from beltscape.measure.lumps.segment import find_basins, find_borders, merge_regions
 from beltscape.measure.lumps.settings import LumpSettings
 
 FIELDS = arrays(np.float32, (9, 12), elements=st.floats(0, 1, width=32), unique=True)
-SIZES = st.lists(st.tuples(st.floats(5, 200), st.floats(0.1, 10)), min_size=1, max_size=30)
+SIZES = st.lists(st.tuples(st.floats(5, 200), st.floats(0.1, 10)), min_size=2, max_size=30)
 SIEVES = np.array([10.0, 20.0, 50.0, 100.0, 250.0])
 
 
@@ -76,6 +76,20 @@ def test_filling_keeps_what_is_known_within_its_range(known):
     assert whole.max() <= value[known].max() + 1e-4
 
 
+def test_shadows_that_join_up_do_not_end_the_view():
+    """A net of narrow gaps reaches from the border to the middle; a wide gap at the border, and the frame, do."""
+    measured = np.ones((90, 120), bool)
+    measured[::15] = measured[:, ::15] = False  # gaps of one cell around blocks of 14
+    measured[:, 100:] = False
+    measured[40:60, 30:50] = False  # a wide gap in the middle joins the net as well
+    beyond = find_beyond(measured, 10.0)
+    assert beyond[:, 102:].all()
+    assert not beyond[8:-8, 8:95].any()
+    assert not (beyond & measured).any()
+    whole = find_beyond(np.pad(np.ones((20, 30), bool), 4), 3.0)
+    assert whole.sum() == 28 * 38 - 20 * 30
+
+
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_features_turn_with_the_picture(turns):
     height = np.random.default_rng(1).normal(size=(60, 60)).astype(np.float32)
@@ -122,9 +136,12 @@ def test_a_distribution_by_hand():
     assert found.passing == pytest.approx([0.25, 0.5, 1.0])
 
 
-def test_no_lumps_no_distribution():
-    found = compute_distribution(np.zeros(0), np.zeros(0), SIEVES)
-    assert found.count == 0
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_single_lump_has_no_distribution(count):
+    """Of one lump nothing says how others are: its size is no d50, and no sample of it would differ."""
+    found = compute_distribution(np.full(count, 50.0), np.ones(count), SIEVES)
+    assert found.count == count
+    assert np.isnan(found.d_sigma_mm).all()
     assert np.isnan(found.d_mm).all()
     assert np.isnan(found.passing).all()
 

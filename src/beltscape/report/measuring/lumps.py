@@ -244,10 +244,11 @@ def summarise_lumps(lumps: Lumps) -> str:
         return "No lumps in view."
     whole = sum(not lump.occluded and not lump.cut for lump in lumps.lumps)
     text = f"{len(lumps.lumps)} lumps in view, {whole} of them fully visible"
-    if lumps.all.count:
-        text += (
-            f"; half of the mass is in lumps below {lumps.all.d_mm[1]:.0f} ± {lumps.all.d_sigma_mm[1]:.0f} mm"
-        )
+    d50, sigma = lumps.all.d_mm[1], lumps.all.d_sigma_mm[1]
+    if np.isfinite(d50):
+        text += f"; half of the mass is in lumps below {d50:.0f} ± {sigma:.0f} mm"
+    else:
+        text += "; the view cuts all but one at most, so that they have no size distribution"
     alarm = lumps.oversize
     if alarm is None:
         return text + "."

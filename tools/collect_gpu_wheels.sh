@@ -8,6 +8,7 @@
 #   WHEELS=FOLDER PYTHON=python3 sh benchmarks/gpu.sh OUT
 set -eu
 [ $# = 2 ] || { echo "usage: tools/collect_gpu_wheels.sh WHEEL FOLDER" >&2; exit 2; }
+[ -f "$1" ] || { echo "there is no wheel $1; run: make wheel" >&2; exit 2; }
 root=$(cd "$(dirname "$0")/.." && pwd)
 tests="execnet hypothesis iniconfig packaging pluggy pygments pytest pytest-xdist sortedcontainers"
 mkdir -p "$2"

@@ -14,9 +14,10 @@ from beltscape.stereo.multiview.preparation import prepare_frame
 from tests.kernels.emulated import ON_EMULATION, backend_on
 from tests.kernels.rounding import first_alike
 from tests.stereo.scenes import make_ring, plane, quantise, render_images
+from tests.thorough import list_cases
 
 pytestmark = ON_EMULATION[0]
-RIG = make_ring((0, 120), size_px=(96, 72))
+RIG = make_ring((0, 120), size_px=(64, 48))
 NAMES = RIG.auxiliaries
 
 
@@ -72,7 +73,7 @@ def test_blocks_are_averaged_on_a_coarser_grid():
     assert_alike(prepare(kernels, images, 2), prepare(load(first_alike("emulated")), images, 2), atol=1e-3)
 
 
-@pytest.mark.parametrize("sigma_px", [2.0, 9.0])
+@pytest.mark.parametrize("sigma_px", list_cases((2.0, 9.0), (2.0,)))
 def test_auxiliaries_are_blurred_where_the_core_is_out_of_focus(sigma_px):
     images = {name: quantise(image) for name, image in make_images().items()}
     sharp = prepare(load(first_alike("emulated")), images)

@@ -63,7 +63,9 @@ _INTRODUCTION = """\
 
 NVRTC compiles every kernel for sm_75, 80, 86, 89, 90 and 100, and the emulation runs the same source on the processor
 in the tests. Its kernels of matching give the bytes of the levels v3 and v4; where the processor has OpenCV and NumPy
-between them, the GPU's own kernels round their last digits otherwise.
+between them, the GPU's own kernels round their last digits otherwise. Emulated, five images of 306 × 256 px
+(`standard`, the demo's) are measured at the same pixels, and 0.05 % of the depths are further than 0.001 mm from the
+processor's, at most 0.06 mm.
 
 ## What one frame asks for: {frame}
 
@@ -83,13 +85,13 @@ _GRAPHS = """
 
 A frame's launches are recorded at the first frame of a size and then run as graphs, nearly all of them. Emulated, the
 1029 launches of three images of 48 × 36 px on two grids (`standard`) are 13 graphs and 1 launch, the 556 on one grid
-(`fast`) 9 graphs and 1. Numbers that differ from frame to frame, such as the noise, never leave the GPU.
+(`fast`) 9 graphs and 1. Numbers that differ from frame to frame, such as the noise, are read from memory.
 
 Launching a graph costs 5 to 10 µs, so 13 of them take 0.07 to 0.13 ms of a frame. Boundaries stay where the
 processor decides something in between:
 
-- **Whether the core is out of focus, and whether the images are demosaiced**, by a number each. Where the core is in
-  focus, which is nearly always so, the graph has placed the images, too.
+- **Whether the core is out of focus, and whether the images are demosaiced**, by four numbers that come down
+  together. Where the core is in focus, which is nearly always so, the graph has placed the images, too.
 - **Whether a round of propagation is the last**, by one number, on each grid. A graph runs all its launches; where
   hardly a pixel changes, the rounds after it are spared, some 60 launches each.
 - **Where textureless discs are**, from a mask of bytes: connected regions, and a robust fit in double precision for

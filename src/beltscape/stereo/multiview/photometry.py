@@ -89,15 +89,27 @@ def estimate_noise_variance(level: NDArray[np.float32]) -> Any:
     ----------
     Immerkær, Fast noise variance estimation, CVIU 64(2), 1996, doi:10.1006/cviu.1996.0060.
     """
+    quiet = measure_quiet_edges(level)
+    if find_statistics_kernels(level):
+        sigma = quiet * float(np.sqrt(np.pi / 2) / 6)
+        return np.square(np.maximum(sigma, float(_QUANTISATION)))
+    return compute_noise_variance(quiet)
+
+
+def measure_quiet_edges(level: NDArray[np.float32]) -> Any:
+    """Return the mean absolute Laplacian in the least textured fifth of an image: a number, on a GPU where it is."""
     size = (max(1, level.shape[1] // _BLOCK_PX), max(1, level.shape[0] // _BLOCK_PX))
     kernels = find_statistics_kernels(level)
     if kernels:
         blocks = average_areas(np.abs(kernels.filter_plane(level, _LAPLACIAN)), size)
-        sigma = kernels.find_quantile([blocks], _QUIET) * float(np.sqrt(np.pi / 2) / 6)
-        return np.square(np.maximum(sigma, float(_QUANTISATION)))
+        return kernels.find_quantile([blocks], _QUIET)
     edges = cv2.filter2D(level, -1, _LAPLACIAN)
-    blocks = average_areas(np.abs(edges, out=edges), size)
-    sigma = compute_quantile(blocks, _QUIET) * np.sqrt(np.pi / 2) / 6
+    return compute_quantile(average_areas(np.abs(edges, out=edges), size), _QUIET)
+
+
+def compute_noise_variance(quiet: float) -> float:
+    """Return the noise variance, levels², by the mean absolute Laplacian where there is no texture."""
+    sigma = quiet * np.sqrt(np.pi / 2) / 6
     return max(sigma, _QUANTISATION) ** 2
 
 

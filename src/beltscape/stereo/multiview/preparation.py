@@ -1,8 +1,8 @@
 """From a frame set's images to the frame that is matched, on the processor or on a GPU.
 
 On a GPU the images stay as the cameras gave them until their levels are computed there. What the processor decides
-by two numbers, whether the core is out of focus and whether the images are demosaiced, hardly ever changes what was
-prepared before the numbers were known.
+by a few numbers, whether the core is out of focus and whether the images are demosaiced, hardly ever changes what was
+prepared before the numbers were known. The noise is computed from them in double precision, as without a GPU.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ from beltscape.stereo.multiview.photometry import (
     blur_level,
     compute_channel_weights,
     compute_grey_levels,
+    compute_noise_variance,
     compute_phase_ratio,
     estimate_noise_variance,
     find_least_ratio,
     match_defocus,
+    measure_quiet_edges,
     measure_sharpness,
     mix_channels,
 )
@@ -94,16 +96,16 @@ class TakenImage(FrameNumbers):
 
 
 class _Placed(NamedTuple):
-    """A frame that was prepared as if the core were in focus, and what tells whether that is so."""
+    """A frame that was prepared as if the core were in focus, and what the processor needs to know of it."""
 
     prepared: PreparedFrame
+    """Without its noise."""
     core: Level
     """(H, W) levels as taken, on the grid."""
     others: tuple[Level, ...]
-    excess: Any
-    """() by which the median auxiliary, blurred least, is sharper than the core."""
-    demosaiced_share: Any
-    """() of the images."""
+    numbers: NDArray[np.float32]
+    """(4, 1, 1) by how much the median auxiliary, blurred least, is sharper than the core; the share of the images
+    that are demosaiced; what `measure_quiet_edges` gives for the core; its strongest texture."""
 
 
 def _prepare_on_gpu(
@@ -112,16 +114,17 @@ def _prepare_on_gpu(
     """Return the frame of images that are copied to the GPU once."""
     kernels, weights = context.kernels, compute_channel_weights(images.values())
     taken = tuple(_take(image, weights, kernels) for image in images.values())
-    placed = kernels.replay(_measure_and_place, taken, own_view, context)
-    prepared, noise = placed.prepared, placed.prepared.noise
-    if float(placed.demosaiced_share) > 0.5:  # the processor waits for it
-        noise = replace(noise, demosaiced=True)
-        prepared = prepared.with_noise(noise)
-    if float(placed.excess) <= 0:
-        return prepared
-    blur_px = DEFOCUS_SHARE * _find_blur(placed.core, placed.others, kernels)
-    others = kernels.replay(_blur_levels, placed.others, blur_px)
-    return kernels.replay(_place_on_grid, placed.core, others, own_view, noise, context)
+    prepared, core, others, numbers = kernels.replay(_measure_and_place, taken, own_view, context)
+    excess, demosaiced_share, quiet, texture = (
+        np.asarray(numbers).ravel().tolist()
+    )  # the processor waits for it
+    raw = compute_noise_variance(quiet) / context.step**2
+    noise = Noise(raw, MODEL_VARIANCE, texture, demosaiced_share > 0.5)
+    if excess > 0:
+        blur_px = DEFOCUS_SHARE * _find_blur(core, others, kernels)
+        others = kernels.replay(_blur_levels, others, blur_px)
+        prepared = kernels.replay(_place_on_grid, core, others, own_view, noise, context)
+    return prepared.with_noise(noise)
 
 
 def _take(image: Image, weights: NDArray[np.float32], kernels: Kernels) -> TakenImage:
@@ -140,11 +143,14 @@ def _measure_and_place(
     core, *others = _compute_levels(images, kernels)
     ratios = [(compute_phase_ratio(level), find_least_ratio(level.shape)) for level in (core, *others)]
     periodic: Any = sum((ratio > least).astype(np.float32) for ratio, least in ratios)
-    noise = Noise(estimate_noise_variance(core) / context.step**2, MODEL_VARIANCE, 0.0)
+    quiet = measure_quiet_edges(core)
     core, *others = (kernels.keep(downsample(level, context.step)) for level in (core, *others))
-    prepared = _place_on_grid(core, tuple(others), own_view, noise, context)
+    prepared = _place_on_grid(core, tuple(others), own_view, Noise(0.0, MODEL_VARIANCE, 0.0), context)
     excess = _compare_sharpness(core, tuple(others), BLURS_PX[0], kernels)
-    return _Placed(prepared, core, tuple(others), excess, (periodic / len(images)).reshape(()))
+    numbers: list[Any] = [excess, periodic / len(images), quiet, prepared.noise.texture]
+    first = np.zeros(1, int)
+    together = kernels.gather([each.reshape(1, 1) for each in numbers], first, first, np.zeros((1, 2), int))
+    return _Placed(prepared, core, tuple(others), together)
 
 
 def _compute_levels(images: tuple[TakenImage, ...], kernels: Kernels) -> list[Level]:

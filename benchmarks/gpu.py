@@ -103,10 +103,11 @@ processor decides something in between:
 - **The planes of a sweep over a wide range**, from coarse matches: their number is a size of arrays. Only where more
   than 96 planes would be swept.
 
-Halving, the sweep and the first round on the coarsest grid are one graph. Two boundaries are left that decide nothing:
-on the finest grid the image features run beside the rounds on the processor, so that the enlarged surface, the features
-and the first round are three functions. Joining them would save 0.02 ms of launches. Lists are lengthened by at most
-an eighth, so that frames with nearly as many uncertain pixels run the same graphs; another length is recorded once.
+Halving, the sweep and the first round on the coarsest grid are one graph. Two boundaries are left that decide
+nothing: on the finest grid the image features run beside the rounds on the processor, so that the enlarged surface,
+the features and the first round are three functions. Joining them would save 0.02 ms of launches. Lists are
+lengthened by at most an eighth, so that frames with nearly as many uncertain pixels run the same graphs; another
+length is recorded once.
 
 Every frame in flight has graphs of its own, whose arrays keep their addresses: a frame of `standard` takes about 1400
 bytes a pixel instead of 980 (emulated, 3 × 48 × 36 px), and every further length of a list some 110. Where memory is
@@ -116,11 +117,12 @@ short, the graphs that were not used for longest go, and then all.
 
 - **The processor's own part of a frame**: it finds the graphs by what they are given, launches them and waits for the
   decisions. In Python this takes 3.6 ms of one core (emulated, launches taken out, five images of 48 × 36 px), partly
-  while the GPU computes; with one frame at a time 4 ms need a fast core. Python's lock lets one thread at a time do it,
-  so a process matches at most some 250 frames a second however fast its GPU is; worker processes do it side by side.
+  while the GPU computes; with one frame at a time 4 ms need a fast core. Python's lock lets one thread at a time do
+  it, so a process matches at most some 250 frames a second however fast its GPU is; worker processes do it side by
+  side.
 - **Images of colours**: the processor mixes their channels, and they go up as floats. Levels, gains, noise, sharpness
-  and the test for demosaicing of grey images are computed on the GPU; on the processor they take 10 ms of one core for
-  five images of 1224 × 1024 px (15 ms before they had kernels of their own).
+  and the test for demosaicing of grey images are computed on the GPU; on the processor they take 10 ms of one core
+  for five images of 1224 × 1024 px (15 ms before they had kernels of their own).
 - **Copies from memory that is not pinned**: the rates above are those of the bus.
 - **Small launches**: 1030 launches of at least 1 to 2 µs each are 1 to 2 ms where the images are small.
 

@@ -5,9 +5,9 @@
 # stops none of the later ones, and one for which no time is left is left out and named. Without a capture the demo's is
 # taken, enlarged to 1224 × 1024 and 2448 × 2048 px; neither nvcc nor a network is needed. Environment:
 #   PYTHON   3.11 or newer (default python3), in whose packages nothing is changed
-#   WHEELS   a folder of wheels for a machine without a network. Those of packages that PYTHON has may be left out:
-#              PYTHON=python3.12 make wheel VENV=.venv312 && cp dist/*.whl WHEELS
-#              pip download --only-binary=:all: -d WHEELS -r requirements/gpu.lock pytest pytest-xdist hypothesis
+#   WHEELS   a folder of wheels for a machine without a network, collected on another one with the same PYTHON:
+#              PYTHON=python3.12 make wheel VENV=.venv312
+#              PYTHON=python3.12 tools/collect_gpu_wheels.sh dist/beltscape-*-cp312-*.whl WHEELS
 #   VENV     in place of both, an environment in which all is installed; one whose OpenCV was built with CUDA has its SGM
 #            measured beside
 #   SCALES   of the images (default 2 4 for the demo's capture, 1 2 for another)

@@ -156,5 +156,6 @@ void bind_images(nb::module_& m);
 void bind_geometry(nb::module_& m);
 void bind_networks(nb::module_& m);
 void bind_holes(nb::module_& m);
+void bind_photometry(nb::module_& m);
 
 }  // namespace beltscape

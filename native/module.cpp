@@ -32,4 +32,5 @@ NB_MODULE(BELTSCAPE_MODULE, m) {
     beltscape::bind_geometry(m);
     beltscape::bind_networks(m);
     beltscape::bind_holes(m);
+    beltscape::bind_photometry(m);
 }

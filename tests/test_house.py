@@ -26,7 +26,7 @@ SHORT = {
         "files/times_csv.py",
     ),
     "one check a file": ("health/*.py",),
-    "one family of kernels a file": ("kernels/reference/networks.py",),
+    "one family of kernels a file": ("kernels/reference/networks.py", "kernels/reference/photometry.py"),
     "settings that the command line reads before anything heavy is imported": (
         "measure/belt/settings.py",
         "measure/flow/settings.py",

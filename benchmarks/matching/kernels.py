@@ -19,9 +19,10 @@ from beltscape.stereo.multiview.estimate import (
     gather_neighbour_addresses,
     load_message_rounds,
 )
-from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame
 from beltscape.stereo.multiview.optimisation import list_propagation_offsets
 from beltscape.stereo.multiview.photoconsistency import compute_difference_variance
+from beltscape.stereo.multiview.preparation import prepare_frame
 from beltscape.stereo.multiview.surface import OCCLUDER_PX
 from beltscape.stereo.settings import MultiviewSettings
 from captures import Scene

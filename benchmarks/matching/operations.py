@@ -183,6 +183,26 @@ def _count_quantile(given: Any, out: Sequence[Any]) -> float:
     return sum(each.size for each in given.arrays) * (2.0 + 2 * 8 * 2)
 
 
+def _count_contrast(given: Any, out: Sequence[Any]) -> float:
+    # contrast.hpp: the level and its sum; once more the level, its deviation, the square and its sum
+    del out
+    return 6.0 * given.image.size
+
+
+def _count_sharpness(given: Any, out: Sequence[Any]) -> float:
+    # sharpness.hpp: pairs of pixels along columns, which the three blurs share, and along rows, which they do not; a
+    # multiply-add to each; the two differences and their four sums
+    del out
+    reach = float(given.radii.sum())
+    return given.image.size * (given.radii[-1] + 2 * reach + 3 + 3 * reach + 3 + 2 + 6)
+
+
+def _count_phases(given: Any, out: Sequence[Any]) -> float:
+    # photometry.cuh: the sum of four neighbours, the product, the difference, its amount and its sum
+    del out
+    return 7.0 * given.image.size
+
+
 def _count_extremes(given: Any, out: Sequence[Any]) -> float:
     return out[0].size * sum(given.size)
 
@@ -236,6 +256,10 @@ OPERATIONS: dict[str, Callable[[Any, Sequence[Any]], float]] = {
     "repeat_blocks": _count_each(1),
     "subsample_plane": _count_each(1),
     "interpolate_plane": _count_each(9),
+    "measure_contrast": _count_contrast,
+    "make_levels": _count_each(2),
+    "measure_sharpness": _count_sharpness,
+    "measure_phases": _count_phases,
     "list_pixels": _count_each(1),
     "put_pixels": _count_each(1),
     "assign_addresses": _count_each(1),

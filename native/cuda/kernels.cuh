@@ -6,6 +6,7 @@
 #include "cuda/images.cuh"
 #include "cuda/least_squares.cuh"
 #include "cuda/networks.cuh"
+#include "cuda/photometry.cuh"
 #include "cuda/pixels.cuh"
 #include "cuda/planes.cuh"
 #include "cuda/propagate.cuh"

@@ -178,22 +178,29 @@ extern "C" __global__ void distance_to_mask(const int* along_row, int width, int
     out[static_cast<size_t>(y) * width + x] = least;
 }
 
-// Where pixel i of `size` out of `from` lies among those: its ends, in pixels of the larger image.
-struct Span {
-    float first, last;
+// The pixels out of `from` that pixel i of `size` covers, and how much of it each covers: as OpenCV computes
+// and rounds it (INTER_AREA).
+struct Cover {
+    double first, last, width;
+    int begin, end;  // of the pixels that are covered as a whole
 
-    __device__ Span(int i, int from, int size) {
-        const double scale = static_cast<double>(from) / size;
-        first = static_cast<float>(i * scale), last = static_cast<float>((i + 1) * scale);
+    __device__ Cover(int i, int from, int size) {
+        const double scale = 1.0 / (static_cast<double>(size) / from);
+        first = i * scale, last = first + scale;
+        width = scale < from - first ? scale : from - first;
+        const int above = static_cast<int>(first);
+        begin = above < first ? above + 1 : above;
+        end = lesser(static_cast<int>(last), from - 1);
+        begin = lesser(begin, end);
     }
-    // How much of pixel i lies in the span.
-    __device__ float share(int i) const {
-        return lesser(last, to_float(i + 1)) - greater(first, to_float(i));
-    }
-    __device__ int begin() const { return floor_int(first); }
-    __device__ int end(int from) const {
-        const int whole = floor_int(last);
-        return lesser(from, to_float(whole) < last ? whole + 1 : whole);
+    // Calls take(pixel, share) in the order of the pixels.
+    template <class Take>
+    __device__ void for_each(const Take& take) const {
+        constexpr double kLeast = 1e-3;
+        if (begin - first > kLeast) take(begin - 1, static_cast<float>((begin - first) / width));
+        for (int i = begin; i < end; ++i) take(i, static_cast<float>(1.0 / width));
+        const double rest = last - end, most = rest < 1 ? rest : 1;
+        if (rest > kLeast) take(end, static_cast<float>((most < width ? most : width) / width));
     }
 };
 
@@ -202,15 +209,24 @@ extern "C" __global__ void average_areas(const float* plane, int columns, int ro
                                          float* out) {
     const int x = grid_x(), y = grid_y();
     if (x >= width || y >= height) return;
-    const Span across(x, columns, width), down(y, rows, height);
     float sum = 0;
-    for (int row = down.begin(); row < down.end(rows); ++row) {
-        float part = 0;
-        for (int column = across.begin(); column < across.end(columns); ++column)
-            part += across.share(column) * plane[static_cast<size_t>(row) * columns + column];
-        sum += down.share(row) * part;
+    if (columns % width == 0 && rows % height == 0) {  // whole blocks are added up first
+        const int across = columns / width, down = rows / height;
+        for (int i = 0; i < down; ++i)
+            for (int j = 0; j < across; ++j)
+                sum += plane[static_cast<size_t>(y * down + i) * columns + x * across + j];
+        out[static_cast<size_t>(y) * width + x] = sum * (1.0f / to_float(across * down));
+        return;
     }
-    out[static_cast<size_t>(y) * width + x] = sum / ((across.last - across.first) * (down.last - down.first));
+    const Cover across(x, columns, width), down(y, rows, height);
+    down.for_each([&](int row, float of_row) {
+        float part = 0;
+        across.for_each([&](int column, float of_column) {
+            part += plane[static_cast<size_t>(row) * columns + column] * of_column;
+        });
+        sum += of_row * part;
+    });
+    out[static_cast<size_t>(y) * width + x] = sum;
 }
 
 // Means of whole blocks of side x side pixels.

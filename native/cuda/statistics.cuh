@@ -110,8 +110,11 @@ extern "C" __global__ void find_quantile(const unsigned long long* addresses, co
     const int rank = static_cast<int>(place);
     const unsigned lower = key_of_rank(values, rank, space);
     const unsigned upper = key_of_rank(values, lesser(count - 1, rank + 1), space);
-    const double low = value_of(lower), high = value_of(upper);
-    if (thread == 0) out[0] = static_cast<float>(low + (high - low) * (place - rank));
+    const float low = value_of(lower), high = value_of(upper), step = high - low;
+    const double part = place - rank;  // rounded as NumPy rounds it
+    if (thread == 0)
+        out[0] =
+            part < 0.5 ? low + step * static_cast<float>(part) : high - step * static_cast<float>(1 - part);
 }
 
 }  // namespace beltscape

@@ -126,4 +126,15 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(average_moment_columns);
     BELTSCAPE_KERNEL(filter_plane);
     BELTSCAPE_KERNEL(find_quantile);
+    BELTSCAPE_KERNEL(sum_stretches_of_bytes);
+    BELTSCAPE_KERNEL(sum_stretches_of_words);
+    BELTSCAPE_KERNEL(join_stretches);
+    BELTSCAPE_KERNEL(levels_of_bytes);
+    BELTSCAPE_KERNEL(levels_of_words);
+    BELTSCAPE_KERNEL(blur_columns);
+    BELTSCAPE_KERNEL(blur_rows);
+    BELTSCAPE_KERNEL(sum_row_moments);
+    BELTSCAPE_KERNEL(join_row_moments);
+    BELTSCAPE_KERNEL(sum_phases);
+    BELTSCAPE_KERNEL(join_phases);
 }

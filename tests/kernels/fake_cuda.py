@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 CUDA = Path(__file__).parents[2] / "native" / "cuda"
-FREE_BYTES = 10 << 20
+FREE_BYTES = 12 << 20
 """Of the fake GPU's memory."""
 _TYPES = {
     "unsigned long long": np.uint64, "unsigned char": np.uint8,

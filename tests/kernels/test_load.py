@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
+import beltscape
 from beltscape.core.errors import KernelError
-from beltscape.kernels import load
+from beltscape.kernels import load, load_on_processor
 from beltscape.kernels.native import levels
 
 
@@ -25,6 +29,28 @@ def test_the_environment_chooses_where_the_caller_does_not(monkeypatch):
     monkeypatch.setenv("BELTSCAPE_KERNELS", "reference")
     assert load().name == "reference"
     assert load("native").name == levels()[-1]
+
+
+@pytest.mark.parametrize("name", [None, "cuda", "emulated-1", "reference", levels()[0]])
+def test_kernels_of_the_processor_open_no_gpu(monkeypatch, name):
+    monkeypatch.setattr("beltscape.kernels._kernels_on", lambda _: pytest.fail("a GPU is opened"))
+    monkeypatch.setattr("beltscape.kernels._find_gpu_kernels", lambda _: pytest.fail("a GPU is looked for"))
+    if name:
+        monkeypatch.setenv("BELTSCAPE_KERNELS", name)
+    expected = name if name in ("reference", levels()[0]) else levels()[-1]
+    assert load_on_processor().name == expected
+
+
+def test_only_the_matcher_and_the_check_of_an_installation_may_open_a_gpu():
+    """A process that measures takes none of the memory that those which match need."""
+    package = Path(beltscape.__file__).parent
+    imports = re.compile(r"from beltscape\.kernels import (\([^)]*\)|[^\n]*)|kernels\.(load)\(")
+    found = {
+        str(path.relative_to(package))
+        for path in package.rglob("*.py")
+        if any(re.search(r"\bload\b", "".join(names)) for names in imports.findall(path.read_text()))
+    }
+    assert found == {"pipeline/installation.py", "stereo/multiview/reconstructor.py"}
 
 
 def test_an_unknown_name_lists_the_known_ones():

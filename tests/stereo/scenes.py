@@ -15,8 +15,9 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState
-from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame, scale_boxes
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, scale_boxes
 from beltscape.stereo.multiview.optimisation import LeastSquaresResult, PropagationResult
+from beltscape.stereo.multiview.preparation import prepare_frame
 from beltscape.stereo.multiview.surface import compute_inverse_depth_scale
 from tests.stereo.raycast import look_at, make_camera, make_speckle
 

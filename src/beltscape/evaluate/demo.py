@@ -29,7 +29,7 @@ from beltscape.files.ply import read_cloud
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.files.tiff import read_float_tiff
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume
 from beltscape.pipeline.calibrating.calibration import calibrate
@@ -109,8 +109,8 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
     scenes = {scene: _evaluate_scene(scene, rig, truth, out, reporter) for scene in SCENES}
     volumes = {scene: _evaluate_volume(scene, out, reporter) for scene in SCENES if scene != "belt_empty"}
     return Demo(
-        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(rig, near_far),
-        scenes, volumes, calibration.warnings,
+        out, calibration, score_rig_against_truth(rig, truth, load_on_processor()),
+        _make_rectified_panels(rig, near_far), scenes, volumes, calibration.warnings,
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from beltscape.files.arrays import DAMAGED
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.files.tiff import read_float_tiff
-from beltscape.kernels import Kernels, load
+from beltscape.kernels import Kernels, load_on_processor
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.simulate.core_truth import trace_core_view
 from beltscape.simulate.scene_assembly import SimulatedScene
@@ -228,7 +228,7 @@ def _read_bare(file: Path) -> Truth:
                 f"{file}: {depth.shape[1]}×{depth.shape[0]} px, but the core of the rig.json beside it has "
                 f"{width}×{height}; give the truth of one rig"
             )
-        return Truth(rig, None, depth, label, occluded_mask(rig, depth, load()))
+        return Truth(rig, None, depth, label, occluded_mask(rig, depth, load_on_processor()))
     height, width = depth.shape
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     camera = Camera(_UNKNOWN, (width, height), np.full(2, float(width)), middle, np.zeros(5))
@@ -248,7 +248,9 @@ def _truth(
     label: NDArray[np.uint8],
     views: NDArray[np.uint8] | None,
 ) -> Truth:
-    occluded = occluded_mask(rig, depth, load()) if views is None else np.isfinite(depth) & (views == 0)
+    occluded = (
+        occluded_mask(rig, depth, load_on_processor()) if views is None else np.isfinite(depth) & (views == 0)
+    )
     return Truth(rig, pose, depth, label, occluded)
 
 

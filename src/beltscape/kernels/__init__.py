@@ -1,9 +1,9 @@
 """The inner loops: families of kernels with one signature each, and back ends that implement them.
 
 A kernel's signature, documentation, checks and result stand in its family's module: `geometry`, `images`,
-`sweep`, `least_squares`, `selection`, `networks`, `planes`, `statistics`, `holes`. It fills a record of checked
-`arrays`, with packed projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/),
-`reference` (NumPy) or `cuda` (a GPU). `load` returns all families with one back end.
+`sweep`, `least_squares`, `selection`, `networks`, `planes`, `photometry`, `statistics`, `holes`. It fills a record
+of checked `arrays`, with packed projections of `projection`, and calls a back end (`backend`): `native` (C++, in
+native/), `reference` (NumPy) or `cuda` (a GPU). `load` returns all families with one back end.
 """
 
 from __future__ import annotations
@@ -30,12 +30,21 @@ from beltscape.kernels.holes import HoleFillingKernels
 from beltscape.kernels.images import GatheringKernels, WarpingKernels
 from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKernels, ShiftFitKernels
 from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
+from beltscape.kernels.photometry import PhotometryKernels
 from beltscape.kernels.planes import PixelKernels, PlaneKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.statistics import StatisticsKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["FrameNumbers", "Kernels", "gpu_failures", "is_gpu_expected", "kernels_on_gpu", "load"]
+__all__ = [
+    "FrameNumbers",
+    "Kernels",
+    "gpu_failures",
+    "is_gpu_expected",
+    "kernels_on_gpu",
+    "load",
+    "load_on_processor",
+]
 
 Result = TypeVar("Result")
 Kept = TypeVar("Kept", bound=NDArray[Any])
@@ -60,6 +69,7 @@ class Kernels(
     PlaneKernels,
     PixelKernels,
     StatisticsKernels,
+    PhotometryKernels,
 ):
     """All kernels of one back end; stages receive them as a value.
 
@@ -141,6 +151,15 @@ def load(name: str | None = None) -> Kernels:
     raise KernelError(
         f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}, cuda"
     )
+
+
+def load_on_processor() -> Kernels:
+    """Return the processor's kernels, for all but matching; a GPU is not opened, which takes time and its memory.
+
+    The environment variable BELTSCAPE_KERNELS chooses among them.
+    """
+    name = os.environ.get("BELTSCAPE_KERNELS", "native")
+    return load("native" if name == "cuda" or name.startswith("emulated") else name)
 
 
 def is_gpu_expected() -> bool:

@@ -20,6 +20,8 @@ Size = tuple[int, int]
 """Width and height."""
 _MEDIAN_PX = 5
 """Side of the median's windows."""
+_CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
+"""Second difference over the four neighbours; it is smaller where a value was interpolated."""
 
 
 def average_windows(given: Any) -> tuple[Floats]:
@@ -153,12 +155,20 @@ def average_plane(given: Any) -> tuple[Floats]:
     return (np.asarray(numbers.mean(dtype=np.float64) if numbers.size else 0, np.float32),)
 
 
+def measure_phases(given: Any) -> tuple[Floats]:
+    """Return the means (4,) of the phases' absolute second differences."""
+    height, width = (side // 2 * 2 for side in given.image.shape)
+    difference = np.abs(cv2.filter2D(given.image, -1, _CROSS))[:height, :width]
+    return (np.array([difference[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)], np.float32),)
+
+
 _OF_SIZE = {"average_areas": average_areas, "interpolate_plane": interpolate_plane}
 _OF_RECORD = {
     function.__name__: function
     for function in (
         average_windows, measure_moments, find_extremes, median_of_windows, measure_distances, average_blocks,
         subsample_plane, list_pixels, assign_addresses, pick_best, filter_plane, find_quantile, average_plane,
+        measure_phases,
     )
 }  # fmt: skip
 _OF_SHAPE = {"put_pixels": put_pixels, "repeat_blocks": repeat_blocks}

@@ -164,6 +164,16 @@ def _windows(kernels: Any) -> Sequence[NDArray[Any]]:
         kernels.filter_plane(plane, _random(8).normal(0, 0.1, (3, 5))),
         kernels.find_quantile([plane, _texture(4)], 0.9),
         kernels.average_plane(plane),
+        kernels.measure_phases(plane),
+    ]
+
+
+def _photometry(kernels: Any) -> Sequence[NDArray[Any]]:
+    images = _texture(3).astype(np.uint8), (200 * _texture(4)).astype(np.uint16)
+    return [
+        *(kernels.measure_contrast(image) for image in images),
+        *(kernels.make_levels(image, 1.25) for image in images),
+        kernels.measure_sharpness(_texture(3), (1.5, 1.8, 3.4)),
     ]
 
 
@@ -196,6 +206,7 @@ CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     "photo_consistency": _candidates,
     "pass_messages": _messages,
     "average_windows": _windows,
+    "measure_sharpness": _photometry,
     "evaluate_expression": _expression,
     "evaluate_network_of_programs": _network_of_programs,
 }

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from beltscape.core.arrays import Float32Array
 from beltscape.core.errors import InputError
 from beltscape.files.arrays import parse_arrays
-from beltscape.kernels import Kernels, load
+from beltscape.kernels import Kernels, load_on_processor
 from beltscape.kernels.holes import LOG_VARIANCE
 
 
@@ -61,7 +61,7 @@ class Network:
         They are written into ``out``, m contiguous arrays (H, W), where it is given.
         """
         planes = [features[name] for name in self.features]
-        outputs = (kernels or load()).evaluate_network(
+        outputs = (kernels or load_on_processor()).evaluate_network(
             planes, self.limits, self.layers, threads=threads, out=out
         )
         return [output.astype(np.float32, copy=False) for output in outputs]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
 
@@ -66,5 +66,5 @@ def fill_holes(
     network = network or load_network("holes")
     weights = network.features, network.limits, network.layers
     planes = value_mm, sigma_mm
-    filled = load().fill_holes(planes, pinhole, ray_slope, cell_mm, weights, rows=rows)
+    filled = load_on_processor().fill_holes(planes, pinhole, ray_slope, cell_mm, weights, rows=rows)
     return Filled(filled.value, filled.sigma, hole)

@@ -14,7 +14,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.height_map import HeightMap
 from beltscape.core.statistics import compute_median
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 
 _GRAZING = float(np.tan(np.deg2rad(10.0)))
 """Rise of a ray over its run at which it grazes a surface; longer triangles are no surface."""
@@ -133,7 +133,7 @@ def compute_height_map(
     shape = (grid.shape[0] * side, grid.shape[1] * side)
     start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm
     transform = _grid_from_pixel(camera, belt_from_core, start, fine_mm)
-    height, variance = load().rasterise_heights(
+    height, variance = load_on_processor().rasterise_heights(
         depth.depth_mm, depth.sigma_mm, use, transform, sampling.step_mm, shape
     )
     if side > 1:

@@ -93,6 +93,14 @@ def test_resolutions_change_as_opencvs_do(name, seed, height, width, less, less_
 
 
 @every
+@pytest.mark.parametrize(("width", "height"), [(7, 5), (16, 9), (19, 16), (76, 64), (1, 1), (48, 3)])
+def test_means_over_areas_that_are_no_whole_pixels_have_the_bits_of_opencvs(name, width, height):
+    values = plane(3, 67, 79)
+    found, expected = (load(each).average_areas(values, (width, height)) for each in (name, "reference"))
+    np.testing.assert_array_equal(found, expected)
+
+
+@every
 @given(seeds, sizes, sizes, st.integers(1, 5), st.integers(0, 4))
 def test_blocks_are_averaged_and_repeated_and_planes_subsampled(name, seed, height, width, step, more):
     kernels, reference = load(name), load("reference")

@@ -28,9 +28,14 @@ LOST = "CUDA_ERROR_DEVICE_LOST"
 
 @pytest.fixture
 def failing(monkeypatch):
-    """Kernels of a GPU that is lost in the middle of the first frame, after the stages that run on small images."""
+    """Kernels of a GPU that is lost in the middle of the first frame, after the stages that run on small images.
+
+    Only the matcher has them: what measures would fail, if it opened a GPU.
+    """
     gpu_failures.clear()
     kernels = Kernels(backend_on(Failing(60)))
+    monkeypatch.setenv("BELTSCAPE_KERNELS", "cuda")
+    monkeypatch.setattr("beltscape.kernels._kernels_on", lambda _: pytest.fail("a GPU is opened"))
     monkeypatch.setattr("beltscape.stereo.multiview.reconstructor.load", lambda: kernels)
     yield kernels
     gpu_failures.clear()

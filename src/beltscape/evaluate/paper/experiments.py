@@ -41,7 +41,7 @@ from beltscape.evaluate.paper.surfaces import (
     compute_density_gains,
     reconstruct_all,
 )
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
 from beltscape.target.board import read_board
@@ -115,7 +115,7 @@ def evaluate_paper(
         numbers=numbers,
         laboratory=lab,
         rig=rig,
-        rig_score=score_rig_against_truth(rig, truth.rig, load()),
+        rig_score=score_rig_against_truth(rig, truth.rig, load_on_processor()),
         surfaces=surfaces,
         density=compute_density_gains(surfaces),
         dimensions=tabulate_dimensions(numbers.dimension, measured) if measured else (),

@@ -9,7 +9,16 @@ from typing import Any, NamedTuple, cast
 from numpy.typing import NDArray
 
 from beltscape.kernels.backend import Backend, gpu_failures
-from beltscape.kernels.cuda import images, least_squares, networks, pixels, planes, selection, sweep
+from beltscape.kernels.cuda import (
+    images,
+    least_squares,
+    networks,
+    photometry,
+    pixels,
+    planes,
+    selection,
+    sweep,
+)
 from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.cuda.graphs import GraphCache
 from beltscape.kernels.cuda.memory import DeviceArray, DeviceError
@@ -61,6 +70,10 @@ _KERNELS: dict[str, _Kernel] = {
     "filter_plane": _Kernel(planes.filter_plane),
     "find_quantile": _Kernel(planes.find_quantile),
     "average_plane": _Kernel(planes.average_plane),
+    "measure_contrast": _Kernel(photometry.measure_contrast),
+    "make_levels": _Kernel(photometry.make_levels),
+    "measure_sharpness": _Kernel(photometry.measure_sharpness),
+    "measure_phases": _Kernel(photometry.measure_phases),
     "list_pixels": _Kernel(pixels.list_pixels),
     "put_pixels": _Kernel(pixels.put_pixels),
     "assign_addresses": _Kernel(pixels.assign_addresses),

@@ -1,8 +1,8 @@
 """The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it.
 
 The modules have the names of the families: `geometry`, `images`, `sweep`, `least_squares`, `selection`,
-`networks`, `holes`; those of planes are in `opencv_planes`. `view` projects pixels into an auxiliary for them;
-`shift_fit` is of least squares. The reference of the holes has its lines in `hole_rims`, its features in
+`networks`, `photometry`, `holes`; those of planes are in `opencv_planes`. `view` projects pixels into an auxiliary
+for them; `shift_fit` is of least squares. The reference of the holes has its lines in `hole_rims`, its features in
 `hole_features`, the continuation in `hole_continuation` and statistics of windows in `windows`.
 """
 
@@ -20,12 +20,13 @@ from beltscape.kernels.reference import (
     images,
     least_squares,
     networks,
+    photometry,
     selection,
     shift_fit,
     sweep,
 )
 
-_FAMILIES = (geometry, holes, images, least_squares, shift_fit, networks, selection, sweep)
+_FAMILIES = (geometry, holes, images, least_squares, shift_fit, networks, photometry, selection, sweep)
 
 
 class ReferenceBackend:

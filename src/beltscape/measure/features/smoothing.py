@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
-from beltscape.kernels import Kernels, load
+from beltscape.kernels import Kernels, load_on_processor
 
 MATCHER_REACH_PX = 7.0
 """Distance from a step up to which the matcher's windows mix both sides, at the reference width."""
@@ -87,7 +87,7 @@ class Smoothing:
         information = np.where(np.isfinite(blurred), information, 0).astype(np.float32)
         shown = np.where(np.isfinite(blurred), blurred, true).astype(np.float32)
         return self.focal_baseline / _expand_planes(
-            *self._apply_passes(shown, information, load()), self.step
+            *self._apply_passes(shown, information, load_on_processor()), self.step
         )
 
     def expand_information(self, window: tuple[slice, slice]) -> NDArray[np.float64]:

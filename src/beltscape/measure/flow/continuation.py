@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.measure.holes import Filled
 
 _LEAST_PROBABILITY = 0.25
@@ -59,5 +59,5 @@ def continue_surface(height_mm: NDArray[np.float64], cell_mm: float, rows: slice
     """Return the most probable continuation of heights (Ny, Nx) over the belt at the NaN cells of rows."""
     first = rows.indices(len(height_mm))[0]
     row, column = np.nonzero(~np.isfinite(height_mm[rows]))
-    found = load().continue_surface(height_mm, cell_mm, rows=rows)
+    found = load_on_processor().continue_surface(height_mm, cell_mm, rows=rows)
     return Continuation((row + first, column), found.height, found.probability)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.measure.belt.reference import Layer
 from beltscape.measure.surface import close_pinholes
 
@@ -101,7 +101,7 @@ def _fuse_stack(
     ray_slope: NDArray[np.float64],
 ) -> tuple[Layer, Scatter]:
     """Fuse stacks (k, n, Nx) of k layers."""
-    fused = load().fuse_layers(
+    fused = load_on_processor().fuse_layers(
         (height, sigma, noise), rank=_RANK, outlier=_OUTLIER, tolerance=_TOLERANCE_CELLS
     )
     share = close_pinholes(fused.measured.view(np.bool_)).mean(axis=1)

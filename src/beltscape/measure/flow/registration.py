@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from beltscape.core.statistics import MAD_TO_SIGMA, compute_median, drop_nan
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 
 Values = NDArray[np.floating]
 
@@ -286,7 +286,7 @@ def _refine(
     """
     cell = before.cell_mm
     side = max(1, round(_BLOCK_MM / cell))
-    fitted = load().fit_shift(before.height_mm, after.height_mm, shift, side=side)
+    fitted = load_on_processor().fit_shift(before.height_mm, after.height_mm, shift, side=side)
     along, across = (float(part) * cell for part in fitted.shift)
     if not np.isfinite(along):
         return None

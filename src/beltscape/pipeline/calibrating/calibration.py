@@ -54,7 +54,7 @@ from beltscape.core.quantities import guess_unit_of_board
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.rig_limits import find_refusal
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.solving import solve_rig
@@ -308,7 +308,7 @@ def _score_rig(
     reporter: Reporter,
 ) -> tuple[RigErrors, CrossValidation | None]:
     """Return the rig's errors on its own views, and the cross-validation of two halves of them; warn of both."""
-    kernels, detections = load(), hierarchy.detections
+    kernels, detections = load_on_processor(), hierarchy.detections
     rig_errors = compute_rig_errors(
         adjustment.rig, detections, board, kernels, corners_mm=adjustment.geometry.points_mm
     )

@@ -21,7 +21,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
 from beltscape.files.json_text import to_plain
 from beltscape.files.paths import AnyPath, as_path
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
 from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.sources.folder import describe_lost_camera, scale_rig_to_capture
@@ -60,7 +60,7 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
     detections, board = resolve_checked_set(detections, board, rig)
     board_mm = _read_board_shape(rig, board)
     board_mm = corner_points_mm(board) if board_mm is None else board_mm
-    kernels = load()
+    kernels = load_on_processor()
     try:
         rig_errors = compute_rig_errors(rig, detections, board, kernels, corners_mm=board_mm)
     except CalibrationError as error:

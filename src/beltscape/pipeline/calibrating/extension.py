@@ -41,7 +41,7 @@ from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.rig_json import write_rig
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.pipeline.calibrating.calibration import check_scale
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.views import detect_rig_board
@@ -155,7 +155,7 @@ def extend_rig(
     limited = limit_domains(adjustment.rig, adjustment, (*fixed, *known.cameras))
     extended = _join(rig, replace(adjustment, rig=limited), new, reference)
     check_scale(board, adjustment, extended, reporter)
-    kernels, board_mm = load(), adjustment.geometry.points_mm
+    kernels, board_mm = load_on_processor(), adjustment.geometry.points_mm
     rig_errors = compute_rig_errors(extended, detections, board, kernels, corners_mm=board_mm)
     training = summarise_errors(rig_errors)
     held_out = _score_held_out(
@@ -308,7 +308,7 @@ def _score_held_out(
                 test = detections.restrict(tuple(adjusted.rig.cameras), fold)
                 errors.append(
                     compute_rig_errors(
-                        adjusted.rig, test, board, load(), corners_mm=adjusted.geometry.points_mm
+                        adjusted.rig, test, board, load_on_processor(), corners_mm=adjusted.geometry.points_mm
                     )
                 )
             return summarise_errors(*errors)

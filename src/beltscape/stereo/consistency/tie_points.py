@@ -21,7 +21,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig, scale_rig
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.stereo.consistency.correlation import correlate_closely, correlate_widely, find_peaks
 from beltscape.stereo.multiview.photometry import compute_texture_ratio, estimate_noise_variance
 from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, pack_projections
@@ -162,7 +162,7 @@ def _find_seen_patches(
     """Yield every auxiliary with the mask (N,) of patches that no nearer surface of the depth map hides from it."""
     if not auxiliaries:
         return
-    kernels, unit = load(), compute_inverse_depth_scale(rig, auxiliaries)
+    kernels, unit = load_on_processor(), compute_inverse_depth_scale(rig, auxiliaries)
     views = pack_projections(rig, tuple(auxiliaries), unit, 1)
     s = np.asarray(1 / (depth.depth_mm * np.float32(unit)), np.float32)
     buffers = kernels.inverse_depth_buffers(s, views, [rig.cameras[name].size_px for name in auxiliaries])

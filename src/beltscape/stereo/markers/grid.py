@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltscape.core.frames import Image
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
-from beltscape.kernels import Kernels, load
+from beltscape.kernels import Kernels, load_on_processor
 from beltscape.stereo.markers.detection import MarkerDetections, detect_markers
 from beltscape.stereo.markers.lattice import apply_homography, find_lattice, fit_homography
 from beltscape.stereo.multiview.depth_range import compute_search_range
@@ -198,7 +198,7 @@ def align_grids(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGr
     """
     if not grids:
         return {}
-    kernels = load()
+    kernels = load_on_processor()
     reference = max(grids, key=lambda name: (grids[name].count, name == rig.core))
     aligned = {reference: grids[reference]}
     for name in grids:

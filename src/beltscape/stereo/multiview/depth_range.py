@@ -17,10 +17,11 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.core.statistics import compute_median
-from beltscape.kernels import load
+from beltscape.kernels import load_on_processor
 from beltscape.stereo.cameras import list_usable_auxiliaries
-from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, downsample, prepare_frame
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, downsample
 from beltscape.stereo.multiview.optimisation import form_normal_equations
+from beltscape.stereo.multiview.preparation import prepare_frame
 from beltscape.stereo.multiview.surface import pack_projections
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
@@ -157,7 +158,7 @@ def find_depth_range(
     names = list_usable_auxiliaries(rig, frame_set)
     near, far = compute_search_range(rig, names)
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
-    context = MatchContext.for_grid(rig, names, step, load(), threads)
+    context = MatchContext.for_grid(rig, names, step, load_on_processor(), threads)
     unit = context.inverse_depth_scale
     s_range = 1 / (far * unit), 1 / (near * unit)
     matches = find_reliable_matches(prepare_frame(frame_set, context), s_range, PLANE_STEP_PX)

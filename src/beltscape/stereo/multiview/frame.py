@@ -14,24 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import FrameNumbers, Kernels
-from beltscape.kernels.planes import average_blocks, to_single
+from beltscape.kernels.planes import average_blocks
 from beltscape.kernels.statistics import find_percentile
-from beltscape.stereo.multiview.photometry import (
-    are_demosaiced,
-    compute_levels_and_gains,
-    compute_local_variance,
-    estimate_noise_variance,
-    match_defocus,
-)
-from beltscape.stereo.multiview.surface import (
-    compute_inverse_depth_scale,
-    fill_nan,
-    pack_projection,
-    pack_projections,
-)
+from beltscape.stereo.multiview.photometry import compute_local_variance
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, fill_nan, pack_projections
 
 Radii = tuple[tuple[int, float], ...]
 """Windows of a fit: (radius px, Gaussian sigma px), smallest first."""
@@ -129,7 +117,7 @@ _FLOOR = 2.7, 0.003
 """Weight of the noise variance and of the strongest texture's variance in the floor of a window's variance."""
 _STRONG = 90.0
 """Percentile of the local variance that counts as the strongest texture's."""
-_MODEL_VARIANCE = 0.05**2
+MODEL_VARIANCE = 0.05**2
 """First estimate of the variance by which normalised levels of one point differ without noise."""
 
 
@@ -187,84 +175,16 @@ class PreparedFrame:
         return [(image.shape[1], image.shape[0]) for image in self.images]
 
 
-def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
-    """Return a frame on the grid of ``context``, whose pixels average blocks of its ``step`` image pixels."""
-    rig, auxiliaries, step = context.rig, context.auxiliaries, context.step
-    kernels, threads = context.kernels, context.threads
-    images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
-    taken, gains = compute_levels_and_gains(images, rig.core, threads)
-    levels = taken
-    raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
-    levels = {name: downsample(level, step) for name, level in levels.items()}
-    levels = match_defocus(rig.core, levels, threads)
-    noise = Noise(raw / step**2, _MODEL_VARIANCE, 0.0, demosaiced)
-    own_view = pack_projection(rig, rig.core, context.inverse_depth_scale, step, step)
-    given: dict[str, NDArray[np.float32] | ByteLevels] = {}
-    for name, level in levels.items():
-        image: NDArray[Any] = images[name]
-        is_as_taken = level is taken[name] and image.ndim == 2 and image.dtype == np.uint8
-        if kernels.is_resident and is_as_taken:
-            given[name] = ByteLevels(kernels.keep(image.view()), gains[name])  # the view becomes read-only
-        else:
-            given[name] = kernels.keep(level)
-    others = tuple(given[name] for name in auxiliaries)
-    return kernels.replay(_place_on_grid, given[rig.core], others, own_view, noise, context)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ByteLevels(FrameNumbers):
-    """The levels of an image of bytes, which are a quarter of them to copy to a GPU."""
-
-    image: NDArray[np.uint8]
-    """(H, W)"""
-    gain: float
-
-    def compute(self) -> NDArray[np.float32]:
-        """Return the levels (H, W)."""
-        return self.image.astype(np.float32) * to_single(self.gain)
-
-
-def _place_on_grid(
-    core: NDArray[np.float32] | ByteLevels,
-    images: tuple[NDArray[np.float32] | ByteLevels, ...],
-    own_view: NDArray[np.float32],
-    noise: Noise,
-    context: MatchContext,
-) -> PreparedFrame:
-    """Return the frame of levels on the grid of ``context``; ``own_view`` (39,) is the core's own projection.
-
-    The strongest texture is added to the noise.
-    """
-    kernels, threads = context.kernels, context.threads
-    core, *others = (each.compute() if isinstance(each, ByteLevels) else each for each in (core, *images))
-    coefficients = kernels.spline_coefficients(core, threads=threads)
-    noise = replace(noise, texture=_find_strongest_texture(core))
-    s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
-    undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
-    return PreparedFrame(
-        core=undistorted.astype(np.float32, copy=False),
-        images=tuple(others),
-        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in others),
-        views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
-        noise=noise,
-        context=context,
-    )
-
-
 def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
     """Return the frame on a grid of half the width and height."""
-    return prepared.context.kernels.replay(_halve_levels, prepared)
-
-
-def _halve_levels(prepared: PreparedFrame) -> PreparedFrame:
     context = prepared.context.halve()
     core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
     valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
     noise = replace(
         prepared.noise,
         levels=prepared.noise.levels / 4,
-        model=_MODEL_VARIANCE,
-        texture=_find_strongest_texture(core),
+        model=MODEL_VARIANCE,
+        texture=find_strongest_texture(core),
     )
     return PreparedFrame(
         core=np.where(valid_share < 1, np.float32(np.nan), core),
@@ -278,7 +198,7 @@ def _halve_levels(prepared: PreparedFrame) -> PreparedFrame:
     )
 
 
-def _find_strongest_texture(core: NDArray[np.float32]) -> Any:
+def find_strongest_texture(core: NDArray[np.float32]) -> Any:
     """Return the strongest texture's variance, levels²: a number, on a GPU where the core is."""
     return find_percentile(compute_local_variance(core, 4), _STRONG)
 

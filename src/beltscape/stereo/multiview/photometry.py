@@ -15,8 +15,9 @@ doi:10.1109/CVPRW.2008.4562984.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache, partial, reduce
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +25,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
 from beltscape.core.statistics import compute_quantile
-from beltscape.kernels.planes import blur, measure_moments, to_single
+from beltscape.kernels import Kernels, load_on_processor
+from beltscape.kernels.photometry import choose_radius, measure_phases, weigh_window
+from beltscape.kernels.planes import average_areas, blur, measure_moments, to_single
 from beltscape.kernels.statistics import find_statistics_kernels
 from beltscape.stereo.multiview.parallel import run_parallel
 
@@ -36,7 +39,7 @@ _FULL = 255.0
 """Levels are given in 8-bit counts for images of any bit depth."""
 _QUANTISATION = 1.0 / np.sqrt(12.0)
 """σ of rounding to whole levels."""
-_GAIN = (0.5, 2.0)
+GAIN = (0.5, 2.0)
 """Range of the gain by which a camera's levels are multiplied."""
 _QUIET = 0.2
 """Quantile of the blocks that represents the image's parts of least texture."""
@@ -49,47 +52,64 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
 def compute_grey_levels(
-    images: Mapping[str, Image], core: str, threads: int = 1
+    images: Mapping[str, Image], core: str, kernels: Kernels | None = None, threads: int = 1
 ) -> dict[str, NDArray[np.float32]]:
-    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core."""
-    return compute_levels_and_gains(images, core, threads)[0]
-
-
-def compute_levels_and_gains(
-    images: Mapping[str, Image], core: str, threads: int = 1
-) -> tuple[dict[str, NDArray[np.float32]], dict[str, float]]:
-    """Return the levels of `compute_grey_levels`, and the factor of each camera's, to that of the core's contrast.
+    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core.
 
     Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
     gives the best single image of a coloured pattern.
     """
-    weights = _compute_channel_weights([image for image in images.values() if image.ndim == 3])
+    weights = compute_channel_weights(images.values())
+    kernels = kernels or load_on_processor()
 
-    def compute_level(image: Image) -> tuple[NDArray[np.float32], float]:
-        level = _compute_levels(image, weights)
+    def measure(image: Image) -> tuple[NDArray[np.float32] | None, float]:
+        if image.ndim == 2:
+            return None, float(kernels.measure_contrast(image))
+        level = mix_channels(image, weights)
         return level, float(level.std())
 
-    jobs = [partial(compute_level, image) for image in images.values()]
-    found = dict(zip(images, run_parallel(jobs, threads), strict=True))
+    measured = run_parallel([partial(measure, each) for each in images.values()], threads)
+    found = dict(zip(images, measured, strict=True))
     _, core_contrast = found[core]
-    gains = {
-        name: float(np.clip(core_contrast / contrast, *_GAIN)) if contrast else 1.0
-        for name, (_, contrast) in found.items()
-    }
-    return {name: level * np.float32(gains[name]) for name, (level, _) in found.items()}, gains
+
+    def scale(name: str) -> NDArray[np.float32]:
+        level, contrast = found[name]
+        gain = float(np.clip(core_contrast / contrast, *GAIN)) if contrast else 1.0
+        return kernels.make_levels(images[name], gain) if level is None else level * np.float32(gain)
+
+    return dict(zip(images, run_parallel([partial(scale, name) for name in images], threads), strict=True))
 
 
-def estimate_noise_variance(level: NDArray[np.float32]) -> float:
+def estimate_noise_variance(level: NDArray[np.float32]) -> Any:
     """Return the noise variance, levels², of the least textured fifth of an image; at least that of 8 bits.
+
+    On a GPU, where the image is, it is a number ().
 
     References
     ----------
     Immerkær, Fast noise variance estimation, CVIU 64(2), 1996, doi:10.1006/cviu.1996.0060.
     """
-    edges = np.abs(cv2.filter2D(level, -1, _LAPLACIAN))
+    quiet = measure_quiet_edges(level)
+    if find_statistics_kernels(level):
+        sigma = quiet * float(np.sqrt(np.pi / 2) / 6)
+        return np.square(np.maximum(sigma, float(_QUANTISATION)))
+    return compute_noise_variance(quiet)
+
+
+def measure_quiet_edges(level: NDArray[np.float32]) -> Any:
+    """Return the mean absolute Laplacian in the least textured fifth of an image: a number, on a GPU where it is."""
     size = (max(1, level.shape[1] // _BLOCK_PX), max(1, level.shape[0] // _BLOCK_PX))
-    blocks = cv2.resize(edges, size, interpolation=cv2.INTER_AREA)
-    sigma = compute_quantile(blocks, _QUIET) * np.sqrt(np.pi / 2) / 6
+    kernels = find_statistics_kernels(level)
+    if kernels:
+        blocks = average_areas(np.abs(kernels.filter_plane(level, _LAPLACIAN)), size)
+        return kernels.find_quantile([blocks], _QUIET)
+    edges = cv2.filter2D(level, -1, _LAPLACIAN)
+    return compute_quantile(average_areas(np.abs(edges, out=edges), size), _QUIET)
+
+
+def compute_noise_variance(quiet: float) -> float:
+    """Return the noise variance, levels², by the mean absolute Laplacian where there is no texture."""
+    sigma = quiet * np.sqrt(np.pi / 2) / 6
     return max(sigma, _QUANTISATION) ** 2
 
 
@@ -156,10 +176,10 @@ def _filter_separably(
     return cv2.sepFilter2D(level, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
 
 
-def _compute_channel_weights(images: list[Image]) -> NDArray[np.float32]:
-    if not images:
-        return np.full(3, 1 / 3, np.float32)
-    contrast = np.mean([cv2.meanStdDev(_subsample(image))[1].ravel() for image in images], axis=0)
+def compute_channel_weights(images: Iterable[Image]) -> NDArray[np.float32]:
+    """Return the weights (3,) of colour channels by their mean contrast over the images of colours."""
+    contrasts = [cv2.meanStdDev(_subsample(image))[1].ravel() for image in images if image.ndim == 3]
+    contrast = np.mean(contrasts, axis=0) if contrasts else np.zeros(3)
     total = float(contrast.sum())
     return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
 
@@ -168,10 +188,9 @@ def _subsample(image: Image) -> NDArray[np.integer]:
     return np.ascontiguousarray(image[::4, ::4, :3])
 
 
-def _compute_levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+def mix_channels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the levels (H, W) in counts of 8 bits of an image of colours (H, W, 3), by weights (3,)."""
     scale = np.float32(_FULL / np.iinfo(image.dtype).max)
-    if image.ndim == 2:
-        return image.astype(np.float32) * scale
     # cv2.transform mixes the channels of 8 and 16 bit images without a float copy of all three
     mixed = cv2.transform(image[..., :3].astype(np.float32), (weights * scale)[None])
     return np.ascontiguousarray(mixed, dtype=np.float32)
@@ -179,54 +198,62 @@ def _compute_levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.fl
 
 Level = NDArray[np.float32]
 
-_BLURS_PX = np.arange(1.5, 4.01, 0.25)
+BLURS_PX = tuple(float(blur_px) for blur_px in np.arange(1.5, 4.01, 0.25))
 """Blurs that are tried. A smaller difference does no harm; sound rigs and scenes differ by up to one pixel."""
 _FINE_PX, _MIDDLE_PX = 1.0, 3.0
 """Sharpness is the variance of texture finer than the first blur over that between the two blurs."""
-_SHARE = 0.75
+DEFOCUS_SHARE = 0.75
 """Share of the estimated blur that is applied: slightly sharper auxiliaries match better (0.5 to 1 were tried)."""
 _ROWS = 160
 """Number of rows in the middle of the image that are examined."""
 
 
-def match_defocus(core: str, levels: Mapping[str, Level], threads: int = 1) -> dict[str, Level]:
+def match_defocus(
+    core: str, levels: Mapping[str, Level], kernels: Kernels | None = None, threads: int = 1
+) -> dict[str, Level]:
     """Return levels (H, W) by camera, the auxiliaries blurred where ``core`` is out of focus compared with them."""
-    blur_px = _SHARE * estimate_defocus(
-        levels[core], [level for name, level in levels.items() if name != core], threads
-    )
-    return {name: level if name == core else _blur(level, blur_px) for name, level in levels.items()}
+    others = [level for name, level in levels.items() if name != core]
+    blur_px = DEFOCUS_SHARE * estimate_defocus(levels[core], others, kernels, threads)
+    return {name: level if name == core else blur_level(level, blur_px) for name, level in levels.items()}
 
 
-def estimate_defocus(core: Level, others: list[Level], threads: int = 1) -> float:
+def estimate_defocus(
+    core: Level, others: Sequence[Level], kernels: Kernels | None = None, threads: int = 1
+) -> float:
     """Return the sigma (px) of the Gaussian that makes the median auxiliary no sharper than the core.
 
     It is 0 where less than 1.5 px suffices, and 4 where more is needed.
     """
-    core_sharpness = _measure_sharpness(_select_middle_rows(core), 0)
-    bands = [_select_middle_rows(other) for other in others]
-    for blur_px in _BLURS_PX:
-        jobs = [partial(_measure_sharpness, band, float(blur_px)) for band in bands]
+    kernels = kernels or load_on_processor()
+    measure = partial(measure_sharpness, kernels)
+    core_sharpness = measure(core, 0.0)
+    for blur_px in BLURS_PX:
+        jobs = [partial(measure, other, blur_px) for other in others]
         if np.median(run_parallel(jobs, threads)) <= core_sharpness:
-            return 0.0 if blur_px == _BLURS_PX[0] else float(blur_px)
-    return float(_BLURS_PX[-1])
+            return 0.0 if blur_px == BLURS_PX[0] else blur_px
+    return BLURS_PX[-1]
 
 
-def _measure_sharpness(band: Level, blur_px: float) -> float:
-    """Return the variance of fine texture over that of medium texture after a blur, with noise subtracted."""
-    fine_px, middle_px = np.hypot(blur_px, _FINE_PX), np.hypot(blur_px, _MIDDLE_PX)
-    levels, fine, medium = (_blur(band, sigma) for sigma in (blur_px, fine_px, middle_px))
-    high = float(np.var(levels - fine)) - estimate_noise_variance(band) * _compute_noise_gain(
-        blur_px, fine_px
-    )
-    low = float(np.var(fine - medium))
-    return max(high, 0.0) / low if low > 0 else 0.0
+def measure_sharpness(kernels: Kernels, level: Level, blur_px: float) -> Any:
+    """Return the variance of fine texture over that of medium texture after a blur, with noise subtracted.
+
+    It is that of an image's middle rows; on a GPU, where the image is, a number (1,).
+    """
+    band = _select_middle_rows(level)
+    sigmas_px = blur_px, float(np.hypot(blur_px, _FINE_PX)), float(np.hypot(blur_px, _MIDDLE_PX))
+    fine, medium = kernels.measure_sharpness(band, sigmas_px).reshape(2, 1)
+    of_noise = estimate_noise_variance(band) * _compute_noise_gain(*sigmas_px[:2])
+    if find_statistics_kernels(level):
+        return np.where(medium > 0, np.maximum(fine - of_noise, 0.0) / medium, 0.0)
+    return max(float(fine[0]) - of_noise, 0.0) / float(medium[0]) if medium[0] > 0 else 0.0
 
 
+@cache
 def _compute_noise_gain(narrow_px: float, wide_px: float) -> float:
     """Return the share of white noise's variance that passes a difference of two Gaussians."""
     impulse = np.zeros((41, 41), np.float32)
     impulse[20, 20] = 1
-    return float(np.square(_blur(impulse, narrow_px) - _blur(impulse, wide_px)).sum())
+    return float(np.square(blur_level(impulse, narrow_px) - blur_level(impulse, wide_px)).sum())
 
 
 def _select_middle_rows(level: Level) -> Level:
@@ -234,10 +261,16 @@ def _select_middle_rows(level: Level) -> Level:
     return level[start : start + _ROWS]
 
 
-def _blur(level: Level, sigma_px: float) -> Level:
-    return (
-        level if sigma_px == 0 else np.asarray(cv2.GaussianBlur(level, (0, 0), float(sigma_px)), np.float32)
-    )
+def blur_level(level: Level, sigma_px: float) -> Level:
+    """Return an image (H, W) blurred by a Gaussian, where the image is."""
+    if sigma_px == 0:
+        return level
+    kernels = find_statistics_kernels(level)
+    if kernels is None:
+        return np.asarray(cv2.GaussianBlur(level, (0, 0), sigma_px), np.float32)
+    half = weigh_window(choose_radius(sigma_px), sigma_px)
+    weights = np.append(half[:0:-1], half)
+    return kernels.filter_plane(kernels.filter_plane(level, weights[None]), weights[:, None])
 
 
 _RATIO = 1.07
@@ -248,34 +281,38 @@ _CHANCE = 2.0
 """Added to the ratio per root of the pixels of a phase: small images differ more by chance."""
 _PIXELS = 80_000
 """Size of the band of rows that is examined."""
-_CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
-"""Second difference over the four neighbours; it is smaller where a value was interpolated."""
 
 
 def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:
     """Return whether most of the images (H, W) show the pattern of demosaicing."""
-    is_periodic = [
-        compute_phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_select_middle_pixels(level).size / 4)
-        for level in levels
-    ]
+    is_periodic = [compute_phase_ratio(level) > find_least_ratio(level.shape) for level in levels]
     return bool(sum(is_periodic) > len(is_periodic) / 2)
 
 
-def compute_phase_ratio(level: NDArray[np.float32]) -> float:
+def find_least_ratio(shape: tuple[int, ...]) -> float:
+    """Return the ratio of `compute_phase_ratio` above which an image of this shape shows the pattern."""
+    rows = _find_middle_rows(shape)
+    return float(_RATIO + _CHANCE / np.sqrt((rows.stop - rows.start) * shape[1] / 4))
+
+
+def compute_phase_ratio(level: NDArray[np.float32]) -> Any:
     """Return the ratio of sharpness between the sharpest and the least sharp of the 2 × 2 pixel phases.
 
     The sharpness of a phase is the mean absolute difference of its pixels to their four neighbours, in the middle
-    rows of the image (H, W).
+    rows of the image (H, W). On a GPU, where the image is, the ratio is a number (1,).
     """
-    band = _select_middle_pixels(level)
-    height, width = (side // 2 * 2 for side in band.shape)
-    difference = np.abs(cv2.filter2D(band, -1, _CROSS))[:height, :width]
-    sharpness = [float(difference[row::2, column::2].mean()) for row in (0, 1) for column in (0, 1)]
-    return max(sharpness) / min(sharpness) if min(sharpness) > 0 else 1.0
+    band = level[_find_middle_rows(level.shape)]
+    sharpness = measure_phases(band)
+    if find_statistics_kernels(level):
+        phases = list(sharpness.reshape(4, 1))
+        least, most = reduce(np.minimum, phases), reduce(np.maximum, phases)
+        return np.where(least > 0, most / least, 1.0)
+    least, most = float(sharpness.min()), float(sharpness.max())
+    return most / least if least > 0 else 1.0
 
 
-def _select_middle_pixels(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the middle rows (h, W) of an image (H, W)."""
-    rows = max(2, _PIXELS // level.shape[1])
-    start = max(0, (len(level) - rows) // 2)
-    return level[start : start + rows]
+def _find_middle_rows(shape: tuple[int, ...]) -> slice:
+    """Return the middle rows of an image (H, W)."""
+    rows = max(2, _PIXELS // shape[1])
+    start = max(0, (shape[0] - rows) // 2)
+    return slice(start, min(shape[0], start + rows))

@@ -34,7 +34,7 @@ from beltscape.stereo.multiview.depth_range import (
     shrink_frame,
     sweep_planes,
 )
-from beltscape.stereo.multiview.frame import Noise, PreparedFrame, Radii, halve_frame
+from beltscape.stereo.multiview.frame import MatchContext, Noise, PreparedFrame, Radii, halve_frame
 from beltscape.stereo.multiview.optimisation import (
     LeastSquaresResult,
     PropagationResult,
@@ -186,6 +186,10 @@ _CHANGED_PX, _SETTLED = 0.5, 0.003
 """Propagation ends on a grid when less than this share of the pixels changes by more than this."""
 
 
+Beginning = tuple[tuple[PreparedFrame, ...], Surface]
+"""A frame on coarser and coarser grids, and a surface on the last of them, by which its noise is known."""
+
+
 @dataclass(frozen=True, slots=True)
 class PyramidSolver:
     """Depth range and settings for solving one frame coarse to fine."""
@@ -200,50 +204,86 @@ class PyramidSolver:
 
         The frame is returned with the noise estimated from this surface's residuals.
         """
-        has_coarser = self.settings.has_coarser_grid(prepared.core.shape[1])
-        surface, noise = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
-        return surface, prepared.with_noise(noise)
+        kernels = prepared.context.kernels
+        halvings, coarsest = self._find_coarsest(prepared)
+        begin, given = self._begin(prepared, halvings, coarsest)
+        if halvings == 0:
+            frames, surface = kernels.replay(begin, *given)
+            self.on_step()
+            return surface, frames[0]
+        frames, _, solution = self._propagate(begin, given, coarsest)
+        self.on_step()
+        for finer in frames[-2:0:-1]:
+            _, _, solution = self._propagate(_enlarge, (solution.surface, finer), finer.context)
+        frames, surface = kernels.replay(_enlarge, solution.surface, prepared)
+        return surface, frames[0]
 
     def propagate(
         self, surface: Surface, prepared: PreparedFrame
     ) -> tuple[PropagationResult, LeastSquaresResult]:
         """Return the last of the rounds of propagation and least squares, which end when hardly a pixel changes."""
-        settings = self.settings
-        distances, narrow = settings.offsets_px(prepared.context.scale), prepared.context.windows.narrow
-        for turn in range(settings.rounds):
+        return self._propagate(_take_given, (surface, prepared), prepared.context)[1:]
+
+    def _propagate(
+        self, begin: Callable[..., Beginning], given: tuple[Any, ...], context: MatchContext
+    ) -> tuple[tuple[PreparedFrame, ...], PropagationResult, LeastSquaresResult]:
+        """Return the frames that ``begin`` returns for ``given``, and what `propagate` does from its surface.
+
+        The context is that of the last of the frames.
+        """
+        settings, replay = self.settings, context.kernels.replay
+        distances, narrow = settings.offsets_px(context.scale), context.windows.narrow
+
+        def of(turn: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
             alternating = turn % 2 if settings.rounds > 1 else None
-            given = surface, prepared, distances, alternating, settings.round_tolerances_px, narrow
-            if turn + 1 == settings.rounds:
-                propagated, solution = prepared.context.kernels.replay(_run_round, *given)
+            run = _run_and_compare_round if turn + 1 < settings.rounds else _run_round
+            return run, (distances, alternating, settings.round_tolerances_px, narrow)
+
+        frames, propagated, solution, *changed = replay(_begin_and_run, begin, given, *of(0))
+        for turn in range(1, settings.rounds):
+            if float(changed[0]) < _SETTLED:  # the processor waits for it
                 break
-            propagated, solution, changed = prepared.context.kernels.replay(_run_and_compare_round, *given)
-            if float(changed) < _SETTLED:  # the processor waits for it
-                break
-            surface = solution.surface
-        else:
-            raise ValueError("propagation needs at least one round")
+            run, of_round = of(turn)
+            propagated, solution, *changed = replay(run, solution.surface, frames[-1], *of_round)
         self.on_step()
-        return propagated, solution
+        return frames, propagated, solution
 
-    def _solve_half(self, prepared: PreparedFrame) -> tuple[Surface, Noise]:
-        """Return the surface of the grid of half the resolution, enlarged, and the noise on it."""
-        _, solution = self.propagate(*self.initialise(halve_frame(prepared)))
-        return prepared.context.kernels.replay(_enlarge, solution.surface, prepared)
+    def _find_coarsest(self, prepared: PreparedFrame) -> tuple[int, MatchContext]:
+        """Return how often the frame's grid is halved, and the context of the coarsest one."""
+        halvings, context = 0, prepared.context
+        while self.settings.has_coarser_grid(prepared.core.shape[1] >> halvings):
+            halvings, context = halvings + 1, context.halve()
+        return halvings, context
 
-    def _sweep(self, prepared: PreparedFrame) -> tuple[Surface, Noise]:
-        """Return the optimised surface of a sweep, and the noise on it."""
-        settings, context = self.settings, prepared.context
-        unit = context.inverse_depth_scale
+    def _begin(
+        self, prepared: PreparedFrame, halvings: int, coarsest: MatchContext
+    ) -> tuple[Callable[..., Beginning], tuple[Any, ...]]:
+        """Return the function that sweeps the coarsest grid, and what it is given."""
+        settings = self.settings
         near, far = self.depth_range_mm
-        resolution = SweepResolution(settings.shrink(prepared.core.shape[1]), settings.plane_step_px)
-        s_range = 1 / (far * unit), 1 / (near * unit)
-        if _is_wide(s_range, resolution):
-            s = initialise_inverse_depth(prepared, s_range, resolution)
-            found = context.kernels.replay(_fit_swept_surface, s, prepared)
-        else:
-            found = context.kernels.replay(_sweep_and_fit, prepared, s_range, resolution)
-        self.on_step()
-        return found
+        width = prepared.core.shape[1] >> halvings
+        resolution = SweepResolution(settings.shrink(width), settings.plane_step_px)
+        s_range = 1 / (far * coarsest.inverse_depth_scale), 1 / (near * coarsest.inverse_depth_scale)
+        if not _is_wide(s_range, resolution):
+            return _halve_and_sweep, (prepared, halvings, s_range, resolution)
+        frames = coarsest.kernels.replay(_halve, prepared, halvings)
+        return _fit_swept_surface, (initialise_inverse_depth(frames[-1], s_range, resolution), frames)
+
+
+def _take_given(surface: Surface, prepared: PreparedFrame) -> Beginning:
+    """Return what is given."""
+    return (prepared,), surface
+
+
+def _begin_and_run(
+    begin: Callable[..., Beginning],
+    given: tuple[Any, ...],
+    run: Callable[..., Any],
+    of_round: tuple[Any, ...],
+) -> Any:
+    """Return the frames of a beginning, and the results of a round from its surface."""
+    frames, surface = begin(*given)
+    return frames, *run(surface, frames[-1], *of_round)
 
 
 def _run_round(
@@ -267,25 +307,35 @@ def _run_and_compare_round(
     return propagated, solution, _compute_changed_share(surface, propagated.surface)
 
 
-def _sweep_and_fit(
-    prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
-) -> tuple[Surface, Noise]:
-    """Return the first surface and the noise on it, from a sweep of planes that do not depend on the images."""
-    return _fit_swept_surface(initialise_inverse_depth(prepared, s_range, resolution), prepared)
+def _halve(prepared: PreparedFrame, halvings: int) -> tuple[PreparedFrame, ...]:
+    """Return a frame and what it is on grids of half, a quarter ... of the resolution."""
+    frames = [prepared]
+    for _ in range(halvings):
+        frames.append(halve_frame(frames[-1]))
+    return tuple(frames)
 
 
-def _enlarge(half: Surface, prepared: PreparedFrame) -> tuple[Surface, Noise]:
-    """Return the surface of the grid of half the resolution on the prepared frame's, and the noise on it."""
+def _halve_and_sweep(
+    prepared: PreparedFrame, halvings: int, s_range: tuple[float, float], resolution: SweepResolution
+) -> Beginning:
+    """Return the frames of all grids and the first surface, from planes that do not depend on the images."""
+    frames = _halve(prepared, halvings)
+    return _fit_swept_surface(initialise_inverse_depth(frames[-1], s_range, resolution), frames)
+
+
+def _enlarge(half: Surface, prepared: PreparedFrame) -> Beginning:
+    """Return the surface of the grid of half the resolution on the prepared frame's."""
     surface = double_surface(half, prepared.core.shape)
-    return surface, estimate_noise(surface, prepared)
+    return (prepared.with_noise(estimate_noise(surface, prepared)),), surface
 
 
-def _fit_swept_surface(s: NDArray[np.float32], prepared: PreparedFrame) -> tuple[Surface, Noise]:
-    """Return the first surface after the sweep, which gave its inverse depth s (H, W), and the noise on it."""
+def _fit_swept_surface(s: NDArray[np.float32], frames: tuple[PreparedFrame, ...]) -> Beginning:
+    """Return the first surface after the sweep of the last frame, which gave its inverse depth s (H, W)."""
+    *finer, prepared = frames
     context = prepared.context
     surface = fit_slopes(s, context.kernels, context.threads)
     surface = solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
-    return surface, estimate_noise(surface, prepared)
+    return (*finer, prepared.with_noise(estimate_noise(surface, prepared))), surface
 
 
 def _compute_changed_share(before: Surface, after: Surface) -> Any:

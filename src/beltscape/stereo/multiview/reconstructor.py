@@ -38,9 +38,10 @@ from beltscape.stereo.multiview.features import (
     compute_image_features,
     compute_selection_features,
 )
-from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame
 from beltscape.stereo.multiview.optimisation import LeastSquaresResult, apply_twicing, solve_least_squares
 from beltscape.stereo.multiview.parallel import run_pair
+from beltscape.stereo.multiview.preparation import prepare_frame
 from beltscape.stereo.multiview.pyramid import PyramidSolver
 from beltscape.stereo.multiview.surface import Surface, upsample_surface
 from beltscape.stereo.multiview.textureless import fill_textureless_discs

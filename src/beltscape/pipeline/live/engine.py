@@ -375,6 +375,7 @@ class Engine(OperatorControls):
         return replace(
             components.gauges.collect_readings(components.queue.dropped),
             cameras=components.source.health(),
+            core=components.measurement.context.rig.core,
             history_trouble=next((text for text in troubles if text), ""),
             history_repair=self._repair.text,
             users_trouble=components.users_trouble(),

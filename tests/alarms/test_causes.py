@@ -41,7 +41,7 @@ class Cause:
     changes: dict[str, Any]
     silent: set[str]
     """The alarms that must be silent."""
-    shown: frozenset[str] = frozenset()
+    others: frozenset[str] = frozenset()
     """Other alarms of these readings, which the cause does not explain."""
 
     def __str__(self) -> str:
@@ -114,8 +114,8 @@ def test_what_follows_from_a_cause_is_silent_while_it_stands_and_named_beside_it
     plant = Plant()
     plant.run(SOUND, 5)
     changed = plant.run(replace(SOUND, **cause.changes), 200)
-    shown = {name for name, state in plant.states().items() if state != "clear"}
-    assert shown == {cause.alarm, *cause.shown}
+    listed = {name for name, state in plant.states().items() if state != "clear"}
+    assert listed == {cause.alarm, *cause.others}
     (alarm,) = (one for one in plant.board.alarms if one.name == cause.alarm)
     assert alarm.detail
     assert set(alarm.consequences) == cause.silent
@@ -134,7 +134,7 @@ def test_without_the_cause_its_consequences_are_alarms(cause: Cause) -> None:
     plant.run(SOUND, 5)
     plant.run(replace(SOUND, **cause.changes), 200)
     raised = {name for name, state in plant.states().items() if state == "raised"}
-    assert raised == {cause.alarm, *cause.silent, *cause.shown}
+    assert raised == {cause.alarm, *cause.silent, *cause.others}
 
 
 def test_the_table_has_every_cause_and_every_consequence() -> None:

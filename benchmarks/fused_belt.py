@@ -1,6 +1,6 @@
 """The fused belt against the truth of moving heaps: single frames, fused frames, and fused frames continued.
 
-    python benchmarks/fused_belt.py CACHE [--heaps NAME …] [--preset fast|standard]
+    python benchmarks/fused_belt.py CACHE [--heaps NAME …] [--preset fast|standard] [--rendered FOLDER]
 
 Each heap is rendered once into CACHE (minutes each) and reconstructed with the true rig. The rows of the table are
 those of the manual's page on the fused belt. The weights of the continuation were fitted to D1, D2 and T1.
@@ -17,6 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+import rendered_belt
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
@@ -135,8 +136,8 @@ class Pushed:
     name: str
 
 
-def match(folder: Path, preset: str) -> tuple[EmptyBeltReference, list[Pushed]]:
-    """Return the empty belt and the frames' depths of a capture."""
+def match(measure_flow: Callable[[], object]) -> tuple[EmptyBeltReference, list[Pushed]]:
+    """Return the empty belt and the frames' depths of a flow while it is measured."""
     meters, pushed = list[BeltFlowMeter](), list[Pushed]()
     push = BeltFlowMeter.push
 
@@ -146,7 +147,7 @@ def match(folder: Path, preset: str) -> tuple[EmptyBeltReference, list[Pushed]]:
         return push(meter, depth, time_ns, position_mm, **words)
 
     with patch.object(BeltFlowMeter, "push", record):
-        measure_flow(folder, preset)
+        measure_flow()
     return meters[0].reference, pushed
 
 
@@ -203,20 +204,49 @@ def measure_flow(folder: Path, preset: str) -> flow.Flow:
     )
 
 
-def make_rows(name: str, folder: Path, preset: str) -> list[str]:
-    """Return the table's rows of one heap."""
+@dataclass(frozen=True)
+class MatchedBelt:
+    """The depths of a moving belt's frames, and the truth about its load."""
+
+    name: str
+    cameras: int
+    reference: EmptyBeltReference
+    frames: Sequence[Pushed]
+    settings: FlowSettings
+    truth: TrueBelt
+    volume_mm3: float
+    ceiling: MovingCeiling | None = None
+
+
+def match_heap(name: str, folder: Path, preset: str) -> MatchedBelt:
+    """Return one of the heaps, rendered into ``folder`` where it is not there yet."""
     heap = HEAPS[name]
     render(folder, heap.make_scenario)
-    settings = FlowSettings(direction="+y" if heap.speed_mm_s > 0 else "-y")
-    reference, frames = match(folder, preset)
+    reference, frames = match(lambda: measure_flow(folder, preset))
     true = folder / "moving" / "truth"
-    truth, scene = read_true_belt(true), read_moving_scene(true)
-    volume = read_json(true / "belt_moving.json")["heap_volume_mm3"]
+    scene, volume = read_moving_scene(true), read_json(true / "belt_moving.json")["heap_volume_mm3"]
+    settings = FlowSettings(direction="+y" if heap.speed_mm_s > 0 else "-y")
     ceiling = None if scene is None else MovingCeiling(scene)
-    head = [name, str(heap.auxiliaries + 1)]
+    return MatchedBelt(
+        name, heap.auxiliaries + 1, reference, frames, settings, read_true_belt(true), volume, ceiling
+    )
+
+
+def match_rendered(rendered: Path, folder: Path, preset: str) -> MatchedBelt:
+    """Return the moving belt of another renderer."""
+    reference, frames = match(lambda: rendered_belt.measure_flow(rendered, folder, preset))
+    cameras, truth = len(rendered_belt.read_rig(rendered).cameras), rendered_belt.read_seen_heights(rendered)
+    volume_mm3 = rendered_belt.read_volume_mm3(rendered)
+    settings = FlowSettings(direction="+y")
+    return MatchedBelt("another renderer's", cameras, reference, frames, settings, truth, volume_mm3)
+
+
+def make_rows(belt: MatchedBelt) -> list[str]:
+    """Return the table's rows of one belt."""
+    head = [belt.name, str(belt.cameras)]
     off = patch("beltscape.measure.flow.blocks.continue_into_holes", lambda filled, *_: filled)
     with off:
-        single = score_single_frames(reference, frames, settings, truth)
+        single = score_single_frames(belt.reference, belt.frames, belt.settings, belt.truth)
     rows = [format_cells([*head, "single", *_format(single), "", ""])]
     variants: dict[str, Callable[[], AbstractContextManager[object]]] = {
         "fused": lambda: off,
@@ -224,9 +254,12 @@ def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     }
     for variant, patched in variants.items():
         with patched():
-            meter, fused = measure(reference, frames, settings)
-        score, totals = score_belt(fused, truth, ceiling).document(), meter.totals
-        ends = [f"{totals.volume_mm3 / volume - 1:+.2%}", f"{totals.sigma_mm3 / volume:.2%}"]
+            meter, fused = measure(belt.reference, belt.frames, belt.settings)
+        score, totals = score_belt(fused, belt.truth, belt.ceiling).document(), meter.totals
+        ends = [
+            f"{totals.volume_mm3 / belt.volume_mm3 - 1:+.2%}",
+            f"{totals.sigma_mm3 / belt.volume_mm3:.2%}",
+        ]
         rows.append(format_cells([*head, variant, *_format(score), *ends]))
     return rows
 
@@ -245,10 +278,15 @@ def main() -> None:
     parser.add_argument("cache", type=Path)
     parser.add_argument("--heaps", nargs="*", default=list(HEAPS), choices=list(HEAPS))
     parser.add_argument("--preset", default="fast", choices=["fast", "standard"])
+    parser.add_argument("--rendered", type=Path, help="folder of another renderer's captures")
     arguments = parser.parse_args()
     print("\n".join(format_head(_HEAD)))
     for name in arguments.heaps:
-        print("\n".join(make_rows(name, arguments.cache / name, arguments.preset)), flush=True)
+        belt = match_heap(name, arguments.cache / name, arguments.preset)
+        print("\n".join(make_rows(belt)), flush=True)
+    if arguments.rendered:
+        belt = match_rendered(arguments.rendered, arguments.cache, arguments.preset)
+        print("\n".join(make_rows(belt)), flush=True)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
     python benchmarks/fused_lumps.py CACHE [--heaps NAME …] [--preset fast|standard]
 
 The heaps are those of fused_belt.py, rendered once into CACHE. A row has the lumps counted, the visible rocks, the
-shares of rocks found and of false lumps, and d10, d50, d80, d90 with those of the rocks.
+shares of rocks found and of false lumps, d10, d50, d80, d90 with those of the rocks, and their errors over their σ.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.evaluate.belt_lump_scores import read_rocks, score_belt_lumps
-from beltscape.evaluate.belt_scores import read_true_belt
 from beltscape.evaluate.lump_scores import LumpScore, find_covered_rows, read_heap, score_lumps
 from beltscape.measure.belt.reference import EmptyBeltReference
-from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.lumps.fused_belt import measure_belt_lumps
 from beltscape.measure.lumps.lumps import SHARES, Lumps, compute_passing_sizes, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
-from fused_belt import HEAPS, Pushed, match, measure, render
+from fused_belt import HEAPS, Pushed, match_heap, measure
 from tables import format_cells, format_head
 
 _HEAD = (
@@ -34,6 +32,7 @@ _HEAD = (
     "false",
     "d10–d90 mm",
     "true d10–d90 mm",
+    "errors in σ",
     "size bias, σ ratio",
 )
 _COARSE_MM = 4.0
@@ -62,22 +61,18 @@ def score_frames(
 
 def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     """Return the table's rows of one heap."""
-    heap = HEAPS[name]
-    render(folder, heap.make_scenario)
-    true = folder / "moving" / "truth"
-    settings = FlowSettings(direction="+y" if heap.speed_mm_s > 0 else "-y")
-    reference, frames = match(folder, preset)
-    truth, (size_mm, volume_mm3) = read_true_belt(true), read_rocks(true)
+    belt, true = match_heap(name, folder, preset), folder / "moving" / "truth"
+    size_mm, volume_mm3 = read_rocks(true)
     rows: list[str] = []
     scores: list[LumpScore] = []
-    for surface, cell_mm in (("fused, 4 mm", _COARSE_MM), ("fused, 1 px", reference.cell_mm)):
-        _, fused = measure(reference, frames, settings, cell_mm)
+    for surface, cell_mm in (("fused, 4 mm", _COARSE_MM), ("fused, 1 px", belt.reference.cell_mm)):
+        _, fused = measure(belt.reference, belt.frames, belt.settings, cell_mm)
         lumps = measure_belt_lumps(fused.heights, fused.measured, _SETTINGS, fused.counted_mm)
-        scores.append(score_belt_lumps(lumps, fused, truth, size_mm, volume_mm3))
-        rows.append(_format_row(name, surface, len(lumps.lumps), scores[-1], scores[-1].d_mm))
-    scored = score_frames(reference, frames, true)
+        scores.append(score_belt_lumps(lumps, fused, belt.truth, size_mm, volume_mm3))
+        rows.append(_format_row(name, surface, len(lumps.lumps), scores[-1]))
+    scored = score_frames(belt.reference, belt.frames, true)
     middle = max(scored, key=lambda pair: pair[1].rocks)
-    rows.insert(0, _format_row(name, "fullest frame", len(middle[0].lumps), middle[1], middle[1].d_mm))
+    rows.insert(0, _format_row(name, "fullest frame", len(middle[0].lumps), middle[1]))
     uncut = [lump for lumps, _ in scored for lump in lumps.lumps if not lump.cut]
     mass = np.array([lump.volume_mm3 for lump in uncut])
     d_mm = compute_passing_sizes(np.array([lump.size_mm for lump in uncut]), mass, SHARES)
@@ -90,14 +85,16 @@ def make_rows(name: str, folder: Path, preset: str) -> list[str]:
     shares = [f"{found:.0%}", f"{1 - right:.0%}"]
     sizes = [_format_sizes(tuple(d_mm)), _format_sizes(scores[-1].d_top_mm)]
     rows.insert(
-        1, format_cells([name, "all frames summed", str(total), str(counts.sum()), *shares, *sizes, ""])
+        1, format_cells([name, "all frames summed", str(total), str(counts.sum()), *shares, *sizes, "", ""])
     )
     return rows
 
 
-def _format_row(name: str, surface: str, count: int, score: LumpScore, d_mm: tuple[float, ...]) -> str:
+def _format_row(name: str, surface: str, count: int, score: LumpScore) -> str:
     shares = [f"{score.recall:.0%}", f"{1 - score.precision:.0%}"]
-    sizes = [_format_sizes(d_mm), _format_sizes(score.d_top_mm)]
+    sizes = [_format_sizes(score.d_mm), _format_sizes(score.d_top_mm)]
+    errors = (np.array(score.d_mm) - score.d_top_mm) / score.d_sigma_mm
+    sizes.append(", ".join(f"{error:+.1f}" for error in errors))
     ends = f"{score.size_bias:+.1%}, {score.sigma_ratio:.2f}"
     return format_cells([name, surface, str(count), str(score.rocks), *shares, *sizes, ends])
 

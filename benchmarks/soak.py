@@ -2,48 +2,71 @@
 
     python benchmarks/soak.py [RENDERED] [--minutes M] [--sets-per-s R] [--width PX] [--preset NAME] [--workers N]
 
-`beltscape run` of the rendered moving belt in a loop, with the page, Modbus, OPC UA, CSV and the recording ring. It
-prints memory and CPU time of all its processes each minute, then what the history holds: the records, whether each
-begins where the last one ended, and how their delay behind their frame sets changed from the first to the last tenth.
+`beltscape run` of the rendered moving belt in a loop, with the page, all protocols, CSV and the recording ring, and a
+client of each of them (MQTT where mosquitto is installed). It prints the memory of all its processes each minute,
+then what the clients read and what the history holds: the records, whether each begins
+where the last one ended, and their delay behind their frame sets, by tenths of the time.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
+import logging
 import signal
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from beltscape.core.ledger import BeltRecord
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from captures import parse_true_rig
 from live import make_plant, pace_capture
+from protocols.clients import CLIENTS, READ
+from protocols.load import find_broker, find_port, run_broker
 from results import ROOT
 from timing import memory_mb
 
+_TABLES = {
+    "web": '[web]\nport = {port}\n[web.access]\nanonymous_role = "viewer"',
+    "modbus": "[modbus]\nport = {port}\npulse_kg = 100",
+    "mqtt": '[mqtt]\nhost = "127.0.0.1"\nport = {port}',
+    "opcua": '[opcua]\nport = {port}\nsecurity = "none"\nclients = "any"\nanonymous_role = "viewer"',
+    "syslog": '[syslog]\nhost = "127.0.0.1"\nport = {port}',
+    "outputs": '[outputs]\nhost = "127.0.0.1"\nport = {port}\nheartbeat = 12\npulse = {{ kg = 25, address = 3 }}\n'
+    '[[outputs.analogue]]\nvalue = "flow_t_h"\naddress = 10\nfull = 1000',
+}
+"""By table of project.toml with a port: its text."""
 _END_NS, _PAGE = 1 << 62, 5000
+_CLIENT_S = 10.0
+"""Longest wait for the end of a client."""
+_PARTS = 10
+"""Parts of the time for which the delay is stated."""
 
 
-def write_project(plant: Path, capture: Path, empty: Path, preset: str, workers: str) -> Path:
+def write_project(
+    plant: Path, capture: Path, empty: Path, preset: str, workers: str, ports: Mapping[str, int]
+) -> Path:
     """Write and return the plant's project.toml."""
     project = plant / "project.toml"
-    project.write_text(
-        f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\ndata = "{plant / "data"}"\n'
-        f'[capture]\nfolder = "{capture}"\nloop = true\n[encoder]\nkind = "capture"\n'
-        f'[matching]\npreset = "{preset}"\nworkers = {workers}\n'
-        "[web]\nport = 0\n[modbus]\nport = 0\n[opcua]\nport = 0\n[csv]\nenabled = true\n"
-        '[recording]\nmode = "ring"\nring_min = 1.0\n',
-        encoding="utf-8",
-    )
+    tables = [
+        f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\ndata = "{plant / "data"}"',
+        f'[capture]\nfolder = "{capture}"\nloop = true\n[encoder]\nkind = "capture"',
+        f'[matching]\npreset = "{preset}"\nworkers = {workers}',
+        '[density]\nkg_m3 = 850\n[csv]\nenabled = true\n[recording]\nmode = "ring"\nring_min = 1.0',
+        *(_TABLES[name].format(port=port) for name, port in ports.items()),
+    ]
+    project.write_text("\n".join(tables) + "\n", encoding="utf-8")
     return project
 
 
@@ -52,6 +75,25 @@ def list_family(process: int) -> list[int]:
     children = Path(f"/proc/{process}/task/{process}/children")
     began = children.read_text().split() if children.exists() else []
     return [process, *(one for child in began for one in list_family(int(child)))]
+
+
+@contextmanager
+def read_all(ports: Mapping[str, int]) -> Generator[None]:
+    """Let one client of each protocol, and an open page, read the plant."""
+    ended = threading.Event()
+    clients = [
+        threading.Thread(target=CLIENTS[name], args=(port, ended), daemon=True)
+        for name, port in ports.items()
+        if name in CLIENTS
+    ]
+    for client in clients:
+        client.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        for client in clients:
+            client.join(_CLIENT_S)
 
 
 def follow_memory(program: subprocess.Popen[str], minutes: float) -> list[float]:
@@ -87,14 +129,16 @@ def describe_ledger(records: Sequence[BeltRecord]) -> list[str]:
         for record in records
         if record.strip is not None and record.strip.time_ns is not None
     ]
-    tenth = max(len(delays) // 10, 1)
-    change = (
-        statistics.median(delays[-tenth:]) - statistics.median(delays[:tenth]) if delays else float("nan")
-    )
+    parts = [part for part in np.array_split(np.array(delays), _PARTS) if len(part)]
+    least = min(
+        (float(np.median(part)) for part in parts), default=0.0
+    )  # times of the capture are no wall times
+    shares = [np.quantile(part, (0.5, 0.9)) - least for part in parts]
+    by_part = ", ".join(f"{middle:.2f} / {most:.2f}" for middle, most in shares)
     return [
         f"{len(records)} records, largest gap or overlap {max(map(abs, gaps), default=0.0):.6f} mm",
         ", ".join(f"{length:.3f} m {standing}" for standing, length in metres.items()),
-        f"delay of the last tenth over that of the first {change:+.3f} s",
+        f"delay of records by tenths of the time, median / 90 %, over the least median, s: {by_part}",
     ]
 
 
@@ -112,23 +156,40 @@ def main() -> None:
     parser.add_argument("--workers", default='"auto"')
     chosen = parser.parse_args()
     rig = parse_true_rig(json.loads((chosen.rendered / "truth" / "rig.json").read_text("utf-8")))
-    with tempfile.TemporaryDirectory() as folder:
+    for name in (
+        "asyncua",
+        "pymodbus_internal",
+        "pymodbus.logging",
+    ):  # clients begin before the servers and outlive them
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    has_broker = find_broker() is not None
+    ports = {name: find_port() for name in _TABLES if name != "mqtt" or has_broker}
+    if not has_broker:
+        print("without MQTT: mosquitto is not installed")
+    with tempfile.TemporaryDirectory() as folder, run_broker(Path(folder), needed=has_broker) as broker:
         plant = Path(folder)
+        ports |= {"mqtt": broker} if has_broker else {}
         capture, empty = make_plant(chosen.rendered, rig, plant, chosen.width)
         paced = pace_capture(capture, plant / "paced", chosen.sets_per_s)
-        project = write_project(plant, paced, empty, chosen.preset, chosen.workers)
+        project = write_project(plant, paced, empty, chosen.preset, chosen.workers, ports)
         words = [sys.executable, "-m", "beltscape", "run", str(project), "--json"]
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
+        with (
+            (plant / "log").open("w+", encoding="utf-8") as log,
+            subprocess.Popen(words, stdout=subprocess.PIPE, stderr=log, text=True) as program,
+            read_all(ports),
+        ):
             memory = follow_memory(program, chosen.minutes)
-            os.kill(program.pid, signal.SIGTERM)
+            program.send_signal(signal.SIGTERM)  # nothing where it has ended
             output, _ = program.communicate()
         if program.returncode:
-            raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
+            last = (plant / "log").read_text("utf-8").splitlines()[-1:]
+            raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}: {last}")
         latency = json.loads(output)["latency"]
         third = max(len(memory) // 3, 1)
         growth = statistics.mean(memory[-third:]) - statistics.mean(memory[:third])
         print(f"memory of the last third over that of the first {growth:+.0f} MB")
         print(f"latency {latency}")
+        print("read by clients: " + ", ".join(f"{name} {READ[name]}" for name in ports if name in READ))
         print("\n".join(describe_ledger(read_ledger(plant / "data"))))
 
 

@@ -7,7 +7,7 @@ import threading
 from contextlib import suppress
 from typing import Any
 
-READ: dict[str, int] = dict.fromkeys(("modbus", "mqtt", "sparkplug", "opcua", "outputs"), 0)
+READ: dict[str, int] = dict.fromkeys(("web", "modbus", "mqtt", "sparkplug", "opcua", "outputs"), 0)
 """By protocol: what its client has read; a benchmark without it measures nothing."""
 
 
@@ -107,7 +107,19 @@ async def _run_module(port: int, ended: threading.Event) -> None:
     await server.shutdown()
 
 
+def follow_page(port: int, ended: threading.Event) -> None:
+    """Take every message of the operator's page, as an open browser does."""
+    from websockets.exceptions import WebSocketException
+    from websockets.sync.client import connect
+
+    while not ended.is_set():
+        with suppress(WebSocketException, OSError), connect(f"ws://127.0.0.1:{port}/api/live") as page:
+            while not ended.is_set():
+                READ["web"] += len(page.recv(timeout=5)) > 0
+
+
 CLIENTS = {
+    "web": follow_page,
     "modbus": read_modbus,
     "mqtt": lambda port, ended: subscribe_mqtt("mqtt", "beltscape/#", port, ended),
     "sparkplug": lambda port, ended: subscribe_mqtt("sparkplug", "spBv1.0/#", port, ended),

@@ -93,7 +93,7 @@ def main() -> None:
 def protocols_load(seconds: float = 12.0, rounds: int = 2) -> list[str]:
     """Return the Markdown table; the reason if a library or the broker is missing."""
     missing = [name for name in ("asyncua", "paho", "pymodbus") if find_spec(name) is None]
-    if missing or _find_broker() is None:
+    if missing or find_broker() is None:
         return [f"Not run: {', '.join(missing) or 'mosquitto'} is not installed."]
     for name in ("asyncua", "pymodbus_internal"):  # the clients begin before the servers and outlive them
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -223,7 +223,8 @@ BROKERED = frozenset({"mqtt", "sparkplug"})
 """What speaks to the broker."""
 
 
-def _find_broker() -> str | None:
+def find_broker() -> str | None:
+    """Return the program of mosquitto where it is installed."""
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 
 
@@ -233,7 +234,7 @@ def run_broker(folder: Path, *, needed: bool) -> Generator[int]:
     if not needed:
         yield 0
         return
-    program, port = _find_broker(), find_port()
+    program, port = find_broker(), find_port()
     assert program is not None
     (folder / "mosquitto.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
     process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stderr=subprocess.DEVNULL)

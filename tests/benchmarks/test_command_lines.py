@@ -297,7 +297,7 @@ class Served:
 
 def test_load_of_the_protocols(monkeypatch, capsys):
     load = importlib.import_module("protocols.load")
-    for name, value in (("CASES", {"none": ()}), ("_WARM_S", 0.1), ("_find_broker", lambda: "not needed")):
+    for name, value in (("CASES", {"none": ()}), ("_WARM_S", 0.1), ("find_broker", lambda: "not needed")):
         monkeypatch.setattr(load, name, value)
     monkeypatch.setattr(load.subprocess, "Popen", Served)
     monkeypatch.setattr(sys, "argv", ["load.py", "--seconds", "0.3", "--rounds", "1"])

@@ -171,8 +171,9 @@ def main() -> None:
         "5 mm, of the measured; false fill: pixels that no auxiliary sees and that carry a depth. The interval is",
         f"that of {COVERAGE:.0%}: ±1.64 σ of the averaged depth, and Pandora's own intervals of each pair; holds:",
         "share of the measured pixels away from steps whose true depth lies within it. MC-CNN has the weights that",
-        "Pandora ships. CPU s: of a frame of a prepared matcher, its first. Programs of digital image correlation are",
-        "not among the peers: OpenCorr is in no package registry, and muDIC fits one smooth mesh to the whole image.",
+        "Pandora ships. CPU s: of a frame of a prepared matcher, its first. Programs of digital image correlation",
+        "are not among the peers: OpenCorr is in no package registry, and muDIC fits one smooth mesh to the whole",
+        "image.",
     ]  # fmt: skip
     for scene in read_scenes(arguments.rendered, arguments.scenes):
         for line in compare(scene):

@@ -59,7 +59,7 @@ class Feed:
         self._anew = self.cameras if case.rendered == "*" else (case.rendered,) if case.rendered else ()
         """The cameras whose images are rendered anew."""
         self._rendered = capture.render(path, self._anew, _drop_last(case.faults)) if self._anew else None
-        self._end = _find_end(case.faults, onset) if self._anew else None
+        self._end = find_end(case.faults, onset) if self._anew else None
         """The first frame without the fault in the images that are rendered anew; None: it remains."""
         self._every = (
             1 if case.step_mm is None else max(1, round(case.step_mm * capture.frames / capture.round_mm))
@@ -153,7 +153,7 @@ def _drop_last(described: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _find_end(described: Mapping[str, Any], onset: int) -> int | None:
+def find_end(described: Mapping[str, Any], onset: int) -> int | None:
     """Return the first frame after the faults; None where one remains."""
     last = [one.get("last") for many in described.values() for one in many]
     return None if not last or None in last else onset + 1 + max(last)

@@ -123,7 +123,12 @@ def _describe_notice(played: Played) -> tuple[str, bool]:
     found = [(at, name, "finding") for name, (at, _) in played.findings.items()]
     found += [(at, name, "alarm") for name, at in played.alarms.items()]
     if case.is_sound:
-        accused = [f"{name} after {at:.1f} s" for at, name, _ in sorted(found) if _is_fault_alarm(name)]
+        stands = {"belt_stopped"} if case.rests_s else set[str]()
+        accused = [
+            f"{name} after {at:.1f} s"
+            for at, name, _ in sorted(found)
+            if _is_fault_alarm(name) and name not in stands
+        ]
         return "; ".join(accused) or "nothing", not accused
     found = sorted(one for one in found if one[0] >= played.onset_s)
     named = [one for one in found if case.is_named_by(one[1])]

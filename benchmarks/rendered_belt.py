@@ -73,7 +73,8 @@ def read_seen_heights(rendered: Path) -> TrueBelt:
     grid = np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
     height_mm = np.full(grid.shape[:2], np.nan)
     for one in points:  # a place that two frames see gets the height of the later one: both are true
-        distance, nearest = KDTree(one[:, :2]).query(grid, distance_upper_bound=_REACH_MM)
+        tree = KDTree(one[:, :2])
+        distance, nearest = tree.query(grid, distance_upper_bound=_REACH_MM)  # pyrefly: ignore[unexpected-keyword]
         known = np.isfinite(distance)
         height_mm[known] = one[nearest[known], 2]
     return TrueBelt(x_mm, y_mm, height_mm, places, core_from_world)

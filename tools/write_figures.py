@@ -12,7 +12,15 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from beltscape.core.alarm_catalogue import CHECKS, DEFINITIONS, GROUPS, KINDS, STATES, list_suppressed
+from beltscape.core.alarm_catalogue import (
+    CHECKS,
+    DEFINITIONS,
+    GROUPS,
+    KINDS,
+    STATES,
+    UNMEASURED,
+    list_suppressed,
+)
 from beltscape.core.alarms import PRIORITIES
 from beltscape.plan.plan import Plan, make_plan, plan_to_document
 from beltscape.plan.settings import PlanSettings
@@ -261,6 +269,7 @@ def suppression(_results: str) -> str:
         others = [name for name in (*KINDS, *CHECKS) if name not in hidden]
         is_most = len(others) < len(hidden)
         rows.append([f"`{one}`", f"all but {_list_names(others)}" if is_most else _list_names(hidden)])
+    rows.append(["`unmeasured`", _list_names(UNMEASURED)])
     return table(["while", "are hidden"], rows)
 
 

@@ -39,6 +39,10 @@ class Case:
     """Travel of the belt between frame sets from the fault on: only so many are delivered; None: all."""
     rolls_back_mm: float = 0.0
     """Distance by which the belt rolls back, after it stood for some frames; then it runs on. No fault: belts do."""
+    rests_s: float = 0.0
+    """Time for which the belt stands before the fault begins. No fault: belts do."""
+    stays_s: float = 0.0
+    """Time for which it goes on to stand afterwards, before it runs on."""
     begins_after: float = 0.0
     """Share of a round after which the fault begins: where nothing is in view, or a heap."""
     from_start: bool = False

@@ -26,8 +26,11 @@ _NOISE = 1.5
 
 
 def find_shown_frame(capture: RoundCapture, case: Case, onset: int, number: int) -> int:
-    """Return the frame of the endless belt that is seen in a delivered one: another where the belt rolled back."""
+    """Return the frame of the endless belt that is seen in a delivered one: another where it stood or rolled back."""
     since = number - onset
+    if case.rests_s:
+        stopped, rests = onset - round(case.rests_s * FRAMES_PER_S), case.rests_s + case.stays_s
+        return min(number, stopped) + max(number - stopped - round(rests * FRAMES_PER_S), 0)
     back = round(case.rolls_back_mm * capture.frames / capture.round_mm)
     if since < 0 or back == 0:
         return number
@@ -56,7 +59,7 @@ class Feed:
         self._anew = self.cameras if case.rendered == "*" else (case.rendered,) if case.rendered else ()
         """The cameras whose images are rendered anew."""
         self._rendered = capture.render(path, self._anew, _drop_last(case.faults)) if self._anew else None
-        self._end = _find_end(case.faults, onset) if self._anew else None
+        self._end = find_end(case.faults, onset) if self._anew else None
         """The first frame without the fault in the images that are rendered anew; None: it remains."""
         self._every = (
             1 if case.step_mm is None else max(1, round(case.step_mm * capture.frames / capture.round_mm))
@@ -90,8 +93,14 @@ class Feed:
         }
         is_anew = number >= self.onset and (self._end is None or number < self._end)
         if self._rendered is not None and is_anew:
-            name = self._capture.truth["frames"][number % self._capture.frames]["frame"]
-            images |= {camera: read_image(self._rendered / camera / f"{name}.png") for camera in self._anew}
+            shown = self._shown[number]
+            name = self._capture.truth["frames"][shown % self._capture.frames]["frame"]
+            anew = {camera: read_image(self._rendered / camera / f"{name}.png") for camera in self._anew}
+            seen_again = shown != number
+            images |= {
+                camera: self._add_noise(image, camera, number) if seen_again else image
+                for camera, image in anew.items()
+            }
         reading = float(self._position_mm[number])
         position = reading if np.isfinite(reading) else None
         delivered = replace(frames, frame=f"{number:05d}", images=images, position_mm=position)
@@ -116,7 +125,7 @@ class Feed:
 
     def _add_noise(self, image: Image, camera: str, number: int) -> Image:
         """Return a repeated image with the noise that its fault adds, or that a camera adds to a belt seen again."""
-        own = _NOISE if self._case.rolls_back_mm else 0.0
+        own = _NOISE if self._case.rolls_back_mm or self._case.rests_s else 0.0
         sigma = max((fault.noise for fault in self.faults.repeated_images), default=own)
         if sigma == 0:
             return image
@@ -144,7 +153,7 @@ def _drop_last(described: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _find_end(described: Mapping[str, Any], onset: int) -> int | None:
+def find_end(described: Mapping[str, Any], onset: int) -> int | None:
     """Return the first frame after the faults; None where one remains."""
     last = [one.get("last") for many in described.values() for one in many]
     return None if not last or None in last else onset + 1 + max(last)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from faults.capture import FRAMES_PER_S, RoundCapture
-from faults.feed import find_shown_frame
+from faults.feed import find_end, find_shown_frame
 from faults.player import Played
 from faults.truth import Comparison, Selection, compare
 
@@ -57,10 +57,12 @@ def assess(capture: RoundCapture, played: Played) -> RowResult:
     comparison = compare(capture, records, sound, partial(find_shown_frame, capture, case, played.onset))
     since = ~before
     late = since & (numbers >= played.onset + math.ceil(case.within_s * FRAMES_PER_S))
+    end = find_end(case.faults, played.onset)
+    wrong = late if end is None else late & (numbers < end)
     noticed, is_in_time = _describe_notice(played)
     total = comparison.select(("valid", "degraded"), since.tolist())
     failures = [] if is_in_time else ["not named in time"]
-    failures += _check_records(played, comparison, since, late)
+    failures += _check_records(played, comparison, since, late, wrong)
     failures += _check_trends(played)
     if played.unstored:
         failures.append(f"{played.unstored} records not stored")
@@ -72,12 +74,18 @@ def assess(capture: RoundCapture, played: Played) -> RowResult:
     )  # fmt: skip
 
 
-def _check_records(played: Played, comparison: Comparison, since: np.ndarray, late: np.ndarray) -> list[str]:
-    """Return what is wrong about the records since the fault."""
+def _check_records(
+    played: Played, comparison: Comparison, since: np.ndarray, late: np.ndarray, wrong: np.ndarray
+) -> list[str]:
+    """Return what is wrong about the records since the fault.
+
+    ``late`` are those after the promised time, ``wrong`` those of them before the fault ends, if it does.
+    """
     failures: list[str] = []
+    length_mm = comparison.select(("valid",), wrong.tolist()).length_mm
+    if not played.case.allows_valid and length_mm > 0:
+        failures.append(f"{length_mm / 1000:.2f} m valid after the promised time")
     valid = comparison.select(("valid",), late.tolist())
-    if not played.case.allows_valid and valid.length_mm > 0:
-        failures.append(f"{valid.length_mm / 1000:.2f} m valid after the promised time")
     if not valid.covers_truth():
         failures.append(f"valid records wrong by {100 * valid.relative_error:+.1f} %")
     everything = comparison.select(_ALL, since.tolist())
@@ -115,7 +123,12 @@ def _describe_notice(played: Played) -> tuple[str, bool]:
     found = [(at, name, "finding") for name, (at, _) in played.findings.items()]
     found += [(at, name, "alarm") for name, at in played.alarms.items()]
     if case.is_sound:
-        accused = [f"{name} after {at:.1f} s" for at, name, _ in sorted(found) if _is_fault_alarm(name)]
+        stands = {"belt_stopped"} if case.rests_s else set[str]()
+        accused = [
+            f"{name} after {at:.1f} s"
+            for at, name, _ in sorted(found)
+            if _is_fault_alarm(name) and name not in stands
+        ]
         return "; ".join(accused) or "nothing", not accused
     found = sorted(one for one in found if one[0] >= played.onset_s)
     named = [one for one in found if case.is_named_by(one[1])]

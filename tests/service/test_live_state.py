@@ -236,3 +236,20 @@ def test_latency_counts_from_a_records_frame_and_from_the_last_one_that_saw_its_
     assert (records.records, records.worst_s, records.median_s) == (2, 5.6, 5.6)
     assert (after_view.records, after_view.median_s) == (1, 5.6 - 2)
     assert (frames.records, frames.median_s, frames.worst_s) == (7, 0.5, 0.5)
+
+
+def test_a_frame_set_that_was_not_matched_keeps_what_was_measured_in_the_last_one():
+    live_state, _, clock = feed_live_state(12)
+    before, durations = live_state.take_snapshot(), live_state.durations.compute_cumulative()
+    for number in range(1, 41):  # 8 s on a belt at rest
+        clock.now_s += 0.2
+        one = FrameEvent(
+            FrameSet(f"r{number}", {}), 12, 0, 0, 0.001, 0.96, 0.0, repeated=number, is_repeat=True
+        )
+        live_state.on_frame(one)
+    now = live_state.take_snapshot()
+    assert (now.frames.repeated, now.frames.done) == (40, 12)
+    assert now.frames.seconds == before.frames.seconds
+    assert live_state.durations.compute_cumulative() == durations
+    assert now.frames.speed_mm_s == 0.0
+    assert now.frame_age_s == 0.0

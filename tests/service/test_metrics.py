@@ -63,6 +63,7 @@ def test_metrics_have_values_and_types(made):
     metres = {labels[0][1]: value for labels, value in samples["beltscape_belt_metres_total"].items()}
     assert metres == {"valid": pytest.approx(12 * 0.48), "degraded": 0.0, "missing": 0.0}
     assert samples["beltscape_frame_sets_total"][()] == 12
+    assert samples["beltscape_frame_sets_repeated_total"][()] == 0
     assert samples["beltscape_capacity_frame_sets_per_second"][()] == CAPACITY.sets_per_s
     assert samples["beltscape_capacity_belt_speed_metres_per_second"][()] == CAPACITY.speed_mm_s * 1e-3
     assert samples["beltscape_camera_state"][(("camera", "cam1"), ("state", "ok"))] == 1

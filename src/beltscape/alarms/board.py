@@ -17,13 +17,18 @@ from beltscape.alarms.state_machine import AlarmCondition, Elapsed, condition_fr
 from beltscape.alarms.texts import CustomTexts
 from beltscape.core.alarm_catalogue import (
     BELT_STOPPED,
+    CAMERA_LOST,
     CAMERAS_OFF,
+    CHECKS,
     DEFINITIONS,
+    ENCODER_SILENT,
+    ENCODER_WRONG,
     FRAMES_DROPPED,
     MAINTENANCE,
+    list_keys,
     split_name,
 )
-from beltscape.core.alarms import Alarm, Suppression
+from beltscape.core.alarms import PRIORITIES, Alarm, Suppression
 
 _NAN = float("nan")
 _State = tuple[str, str]
@@ -81,6 +86,8 @@ class AlarmBoard:
         self._first_out = FirstOut()
         self._suppressed = settings.suppression.by_state()
         self._hidden: Mapping[str, Suppression] = {}
+        self._cause: AlarmEntry | None = None
+        """The shown alarm because of which nothing is measured; None: there is none."""
         self._state_of: dict[str, Suppression | None] = {}
 
     @property
@@ -236,12 +243,33 @@ class AlarmBoard:
             BELT_STOPPED: BELT_STOPPED in is_on,
             CAMERAS_OFF: bool(off_banks),
             FRAMES_DROPPED: FRAMES_DROPPED in is_on,
+            ENCODER_SILENT: ENCODER_SILENT in is_on,
+            ENCODER_WRONG: ENCODER_WRONG in is_on,
         }
         states = [state for state, is_present in present.items() if is_present]
+        self._cause = self._find_cause(readings.core)
+        unmeasured = self._settings.suppression.unmeasured
         for name, entry in self._entries.items():
             state = select_state(name, states, self._suppressed, off_cameras, readings.cameras)
+            if not state and self._cause is not None and not set(list_keys(name)).isdisjoint(unmeasured):
+                state = self._cause.kind
             self._state_of[name] = Suppression("by_state", state) if state else None
             entry.suppress(self._select_suppression(name))
+
+    def _find_cause(self, core: str | None) -> AlarmEntry | None:
+        """Return the alarm that came first of those because of which nothing is measured; None: there is none.
+
+        One that people have hidden explains nothing: then the load's own alarm is all that is shown.
+        """
+        lost = make_name(CAMERA_LOST, core or "")
+        causes = [
+            entry
+            for name, entry in self._entries.items()
+            if entry.machine.is_on
+            and name not in self._hidden
+            and (name == lost or (entry.kind in CHECKS and entry.present.severity == "critical"))
+        ]
+        return min(causes, key=lambda entry: entry.onset_ns, default=None)
 
     def _select_suppression(self, name: str) -> Suppression | None:
         """Return why an alarm is hidden: a person's reason stands before a state of the plant."""
@@ -266,6 +294,15 @@ class AlarmBoard:
             )
             for entry in entries
         }
+        if self._cause is not None and self._cause.name in self._alarms:
+            self._alarms[self._cause.name] = self._weight_cause(self._alarms[self._cause.name])
+
+    def _weight_cause(self, cause: Alarm) -> Alarm:
+        """Return the alarm because of which nothing is measured, as urgent as what it explains and hides."""
+        hidden = [self._entries[name] for name in cause.consequences]
+        priority = max((cause.priority, *(one.priority for one in hidden)), key=PRIORITIES.index)
+        is_critical = any(one.severity == "critical" for one in hidden)
+        return replace(cause, priority=priority, severity="critical" if is_critical else cause.severity)
 
 
 def _without_unmeasured(entry: AlarmEntry, condition: AlarmCondition) -> AlarmCondition:

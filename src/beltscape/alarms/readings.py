@@ -39,6 +39,8 @@ class Readings:
     """Offset of the belt from the middle towards +x; NaN also where its ends are not visible."""
     belt_offset_sigma_mm: float = _NAN
     cameras: Mapping[str, CameraHealth] = field(default_factory=dict[str, CameraHealth])
+    core: str | None = None
+    """Name of the core camera, without which nothing is measured."""
     dropped_per_minute: float = _NAN
     """Frame sets that were not measured."""
     capacity: Capacity = NO_CAPACITY

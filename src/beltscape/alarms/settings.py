@@ -18,6 +18,7 @@ from beltscape.core.alarm_catalogue import (
     GROUPS,
     KINDS,
     STATES,
+    UNMEASURED,
     list_suppressed,
     split_name,
 )
@@ -58,9 +59,14 @@ class SuppressionSettings(BaseModel):
     """While the alarm belt_stopped is on: no new belt comes into view."""
     cameras_off: tuple[AlarmKey, ...] = list_suppressed("cameras_off")
     """While the alarm cameras_off is on for a bank; alarms of single cameras only for those of the bank."""
-
     frames_dropped: tuple[AlarmKey, ...] = list_suppressed("frames_dropped")
     """While the alarm frames_dropped is on: what comes of frames that are not measured."""
+    encoder_silent: tuple[AlarmKey, ...] = list_suppressed("encoder_silent")
+    """While the alarm encoder_silent is on: readings that do not come contradict the material."""
+    encoder_wrong: tuple[AlarmKey, ...] = list_suppressed("encoder_wrong")
+    """While the alarm encoder_wrong is on: wrong readings contradict the material."""
+    unmeasured: tuple[AlarmKey, ...] = UNMEASURED
+    """While the core camera is lost, or a fault is on that leaves nothing to measure, and its alarm is shown."""
 
     def by_state(self) -> dict[str, tuple[str, ...]]:
         """Return the alarms of every state."""

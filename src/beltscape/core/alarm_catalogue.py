@@ -46,7 +46,9 @@ class Rationale:
 FAULT = Rationale("major", "soon")
 """Of a check's fault: values are wrong or missing until it is repaired; the check itself marks the belt meanwhile."""
 
-PlantState = Literal["maintenance", "belt_stopped", "cameras_off", "frames_dropped"]
+PlantState = Literal[
+    "maintenance", "belt_stopped", "cameras_off", "frames_dropped", "encoder_silent", "encoder_wrong"
+]
 """States of the plant that suppress alarms: each is itself an alarm or a check of the same name."""
 STATES: tuple[PlantState, ...] = get_args(PlantState)
 
@@ -130,7 +132,7 @@ NO_MEASUREMENT = _add(
 ENCODER_WRONG = _add("encoder_wrong", "motion", FAULT, place=18)
 # the material's own motion is less certain
 ENCODER_SILENT = _add("encoder_silent", "motion", FAULT, "frames_dropped", place=17)
-ENCODER_MOTION = _add("encoder_motion", "motion", FAULT, "frames_dropped")
+ENCODER_MOTION = _add("encoder_motion", "motion", FAULT, "frames_dropped", "encoder_silent", "encoder_wrong")
 THIN_OVERLAP = _add("thin_overlap", "motion")
 BELT_STOPPED = _add("belt_stopped", "motion", _LOW, place=5)  # the control system knows it as well
 EMPTY = _add("empty", "motion", _LOW, "belt_stopped", place=6)
@@ -198,6 +200,10 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     for group in dict.fromkeys(one.group for one in DEFINITIONS.values() if one.group)
 }
 """Alarms that one cause may raise together; in each group causes stand before their effects, which decides a tie."""
+
+
+UNMEASURED = (NO_MEASUREMENT, LOW_COVERAGE)
+"""What follows where the core camera is lost, or where a check's fault leaves nothing to measure."""
 
 
 def list_suppressed(state: PlantState) -> tuple[str, ...]:

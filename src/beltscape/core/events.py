@@ -104,6 +104,10 @@ class FrameEvent:
     """What the computer can measure with the present settings."""
     view_mm: float = math.nan
     """Length of belt that a frame set sees; NaN: not known."""
+    repeated: int = 0
+    """Frame sets since the start that were not matched, as they showed the belt of the last matched one."""
+    is_repeat: bool = False
+    """Whether this is one of them: what was measured in the last one holds for it."""
 
 
 @dataclass(frozen=True, slots=True)

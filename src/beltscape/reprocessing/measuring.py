@@ -136,9 +136,9 @@ def measure_piece(parcel: Parcel, piece: Piece) -> PieceResult:
         context = build_context(project, rig, reporter)
         reader = _PieceReader(piece, rig, reporter)
         setup_s = time.perf_counter() - began
-        run = MeasurementRun(
-            context, _begin_ledger(piece, context, direction), piece.cameras, lambda: 0, reporter
-        )
+        state = _begin_ledger(piece, context, direction)
+        # which frames of a belt at rest are matched depends on those before, which the pieces do not share
+        run = MeasurementRun(context, state, piece.cameras, lambda: 0, reporter, matches_all=True)
         entries = _measure(run, reader.read(), reporter)
         found = 0 if run.meter is None else run.meter.direction
         if piece.previous_mm is None or found in (0, direction):

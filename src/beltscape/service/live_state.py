@@ -115,25 +115,31 @@ class LiveState:
                 event.done,
                 event.dropped,
                 event.waiting,
-                event.seconds,
+                self._frames.seconds if event.is_repeat else event.seconds,
                 event.coverage,
                 event.speed_mm_s,
                 event.largest_lump_mm,
                 event.full_area_mm2,
                 event.capacity,
+                event.repeated,
             )
-            self.durations.add(event.seconds)
-            position_mm = event.frames.position_mm
-            self.latency.add_frame(
-                event.frames.frame,
-                event.seconds,
-                now_s,
-                nan if position_mm is None else position_mm,
-                event.view_mm,
-            )
+            if not event.is_repeat:
+                self._add_latency(event, now_s)
             for name, image in islice(event.frames.images.items(), _CAMERAS):
                 self._images[name] = _CameraImage(event.frames.frame, wall_ns, image)
             self._append_point(wall_ns, now_s)
+
+    def _add_latency(self, event: FrameEvent, now_s: float) -> None:
+        """Add how long a measured frame set took."""
+        self.durations.add(event.seconds)
+        position_mm = event.frames.position_mm
+        self.latency.add_frame(
+            event.frames.frame,
+            event.seconds,
+            now_s,
+            nan if position_mm is None else position_mm,
+            event.view_mm,
+        )
 
     def restore_totals(self, totals: Totals) -> None:
         """Set the totals of the ledger at the program's start, unless records have arrived since."""

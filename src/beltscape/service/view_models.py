@@ -215,6 +215,8 @@ class FrameStatistics:
     """Cross-section of the fully loaded belt; NaN: not known."""
     capacity: Capacity = NO_CAPACITY
     """What the computer can measure."""
+    repeated: int = 0
+    """Not matched since the start, as they showed the belt of the last one."""
 
 
 @dataclass(frozen=True, slots=True)

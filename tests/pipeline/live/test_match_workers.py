@@ -98,6 +98,46 @@ def test_images_that_fail_their_checks_are_left_out_with_workers_as_without(plan
     assert {"lens_covered", "frozen_image"} <= set(faults)
 
 
+def stop_belt(plant: Path, after: int, rest: int) -> None:
+    """Have the recorded belt stand for ``rest`` frames, each with noise of its own, after its first ones."""
+    table = plant / "moving" / "encoder.csv"
+    header, *rows = table.read_text().splitlines()
+    times = [float(row.split(",")[1]) for row in rows]
+    step_s, position = times[1] - times[0], rows[after].split(",")[2]
+    names = [row.split(",")[0] for row in rows]
+    shown = [*names[: after + 1], *[names[after]] * rest, *names[after + 1 :]]
+    positions = [row.split(",")[2] for row in rows]
+    positions[after + 1 : after + 1] = [position] * rest
+    for camera in (path for path in (plant / "moving").iterdir() if path.is_dir()):
+        images = {name: read_image(camera / f"{name}.png") for name in names}
+        for number, name in enumerate(shown):
+            rng, image = np.random.default_rng([number, len(camera.name), ord(camera.name[-1])]), images[name]
+            noisy = image + (0.7 if number > after and names[after] == name else 0.0) * rng.normal(
+                0, 1, image.shape
+            )
+            write_image(camera / f"{number:03d}.png", np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    lines = [f"{k:03d},{times[0] + k * step_s:.6f},{place}" for k, place in enumerate(positions)]
+    table.write_text("\n".join([header, *lines]) + "\n")
+
+
+def test_a_belt_at_rest_is_matched_once_a_second_with_workers_as_without(plant: Path) -> None:
+    stop_belt(plant, 6, 40)
+    with (plant / "project.toml").open("a") as project:
+        project.write("[health]\nlearning_frames = 3\n")
+    records, alone, _ = replay(plant, 0)
+    others, watched, _ = replay(plant, 2)
+    assert others == records
+    assert sorted(map(repr, watched.findings)) == sorted(map(repr, alone.findings))
+    assert [event.is_repeat for event in watched.frames] == [event.is_repeat for event in alone.frames]
+    last = watched.frames[-1]
+    assert (last.done + last.repeated, last.dropped) == (len(watched.frames), 0)
+    # not before a direction is assumed, after eight frames without a motion, nor in the 2 s after that doubt
+    assert last.repeated == pytest.approx((40 - 2 - 16) * 7 / 8, abs=2)
+    resting = watched.frames[12:44]
+    assert max(abs(event.speed_mm_s) for event in resting) < 1.0
+    assert min(event.coverage for event in resting) > 0.5
+
+
 OF_A_FRAME = ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt"), (image_monitor, "sample_images"))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ from beltscape.health.images.obstruction import (
     sample_light,
 )
 from beltscape.health.images.projected_pattern import check_projected_pattern, is_partly_dark, measure_light
-from beltscape.health.images.repeated import check_repeated, measure_changes
+from beltscape.health.images.repeated import ImageChange, check_repeated, measure_changes
 from beltscape.health.images.sharpness import check_contrast
 from beltscape.health.reference import ImageReferences, Reference, learn_reference
 from beltscape.health.settings import HealthSettings
@@ -69,6 +69,8 @@ class ImageCheck:
     """Light of the cameras without another fault, which shows dirt on their windows; None: it says nothing."""
     is_moving: bool = False
     """Whether the frame shows other material than the one before."""
+    is_still: bool = False
+    """Whether every image shows what that camera's image before showed, but for noise; False: not known either."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,11 @@ class ImageMonitor:
         """Return whether the settings have images checked."""
         return self._settings.images
 
+    @property
+    def is_learning(self) -> bool:
+        """Return whether what sound images show is not known yet, and being learned."""
+        return self._settings.images and self._settings.learning and self._reference is None
+
     def expect(self) -> ExpectedCheck:
         """Return what the check of a coming frame will probably find: what two frames in a row have shown."""
         return self._expected
@@ -158,7 +165,9 @@ class ImageMonitor:
         if frames.recorded and frames.recorded == self._recorded:
             self._rows_before = {}  # a loop shows it again, with the frames between left out
         self._recorded = frames.recorded
-        findings, is_moving = self._check(statistics, rows)
+        noise = min(one.noise for one in statistics.values())
+        changes = measure_changes(self._rows_before, rows, noise)
+        findings = self._check(statistics, changes)
         is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
         if self._settings.learning and self._reference is None and is_sound:
             self._learn(statistics)
@@ -166,7 +175,9 @@ class ImageMonitor:
         blind = {one.subject for one in findings if one.effect == "missing"}
         check = self._select(frames, blind, tuple(map(self._weight_camera, findings)))
         light = _select_window_light(statistics, findings)
-        check = replace(check, window_light=light, is_moving=is_moving)
+        check = replace(
+            check, window_light=light, is_moving=_is_moving(changes), is_still=_is_still(images, changes)
+        )
         self._note_expected(check, frozenset(images) - check.frames.images.keys())
         return check
 
@@ -217,14 +228,10 @@ class ImageMonitor:
         ]
 
     def _check(
-        self, statistics: dict[str, ImageStatistics], rows: dict[str, Float32Array]
-    ) -> tuple[tuple[Finding, ...], bool]:
-        """Return the findings, and whether the belt moves."""
+        self, statistics: dict[str, ImageStatistics], changes: Mapping[str, ImageChange]
+    ) -> tuple[Finding, ...]:
+        """Return the findings of images that have changed so much since the frame before."""
         settings, reference = self._settings, self._reference
-        noise = min(one.noise for one in statistics.values())
-        changes = measure_changes(self._rows_before, rows, noise)
-        finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
-        is_moving = bool(finite) and float(np.median(finite)) > _MOVING
         step_sigma, light, light_sigma = self._follow_light(statistics)
         pattern = check_projected_pattern(statistics, reference, self._light, settings)
         flicker = check_flicker(tuple(self._lights), step_sigma, settings)
@@ -241,7 +248,7 @@ class ImageMonitor:
             check_sunlight(statistics, reference, settings),
             check_lamp(statistics, reference, light, light_sigma, settings),
         ]
-        return tuple(findings), is_moving
+        return tuple(findings)
 
     def _follow_light(self, statistics: dict[str, ImageStatistics]) -> tuple[float, float, float]:
         """Update the light; return the σ of its last step, and the light with its σ, NaN where they are not known.
@@ -291,6 +298,17 @@ class ImageMonitor:
         if not blind & {"", self._rig.core} and len(images) > 1:
             return ImageCheck(findings, replace(frames, images=images), not blind)
         return ImageCheck(findings, replace(frames, images={}), True)
+
+
+def _is_moving(changes: Mapping[str, ImageChange]) -> bool:
+    """Return whether most images show other material than the ones before."""
+    finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
+    return bool(finite) and float(np.median(finite)) > _MOVING
+
+
+def _is_still(cameras: Collection[str], changes: Mapping[str, ImageChange]) -> bool:
+    """Return whether each camera's image shows what its image before showed: then no camera has moved, either."""
+    return set(cameras) == changes.keys() and all(one.noise_ratio <= _MOVING for one in changes.values())
 
 
 def _select_window_light(

@@ -153,6 +153,16 @@ class BeltFlowMeter:
         return self._tracker.evidence
 
     @property
+    def follows_encoder(self) -> bool:
+        """Return whether the last frame lies where the encoder puts it, and its material does not contradict that."""
+        return not self._waiting and self._tracker.follows_encoder
+
+    @property
+    def step_mm(self) -> float:
+        """Return the travel from which on a further frame is fused with those before, beside the newest one."""
+        return self._buffer.step_mm
+
+    @property
     def prediction(self) -> MotionPrediction | None:
         """Return the prediction of the motion after the last frame; None if unknown."""
         return None if self._waiting else self._tracker.prediction

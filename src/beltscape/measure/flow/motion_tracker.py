@@ -23,6 +23,7 @@ from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.location import (
     LocatedFrame,
     Location,
+    MaterialState,
     MotionPrediction,
     Observation,
     ProvenMotion,
@@ -94,6 +95,8 @@ class MotionTracker(MaterialObserver):
         self._key_step_mm = key_step_mm
         self._first = FirstMotion(settings.least_overlap)
         self._readings = ReadingCheck()
+        self._state: MaterialState = "unknown"
+        """What the last frame's material shows."""
         self._undisputed_speed: float | None = None
         """Speed before the encoder's changed faster than a belt's; None once material or the old speed is back."""
 
@@ -110,6 +113,13 @@ class MotionTracker(MaterialObserver):
             motion.speed,
             uses_encoder=self.check.is_trusted or motion.speed is None,
         )
+
+    @property
+    def follows_encoder(self) -> bool:
+        """Return whether the last frame lies where the encoder puts it, and its material does not contradict that."""
+        last = self.motion.last
+        has_reading = last is not None and last.encoder_mm is not None
+        return has_reading and self.check.is_trusted and self._state in ("unknown", "matched")
 
     def continue_motion(self, motion: MotionPrediction) -> None:
         """Begin with the speed and the direction that another tracker of the same belt found."""
@@ -143,6 +153,7 @@ class MotionTracker(MaterialObserver):
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
         observed, contradiction = self._observe_and_compare(frame)
+        self._state = observed.state
         relocated = self._apply(frame, observed, contradiction)
         self._check_speed(frame, observed)
         before, place, finding = self.motion.last, self._place(frame, observed), None

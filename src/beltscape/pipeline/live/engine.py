@@ -62,7 +62,7 @@ class Engine(OperatorControls):
         """The parts that take the place of the present ones between two records."""
         self._stopping = threading.Event()
         self._ended = threading.Event()
-        self._done = 0
+        self._done = self._repeated = 0
         self._last_frame_s = monotonic()
         self._last_position_mm: float | None = None
         self._monitored_s = monotonic()
@@ -219,6 +219,13 @@ class Engine(OperatorControls):
             self._restart(f"frame {frames.frame}", error)
             return
         self._publish(outcome)
+        if outcome.is_repeat:
+            self._repeated += 1
+            components.gauges.update_repeat(outcome.speed_mm_s)
+            self._notify_frame(
+                frames, monotonic() - (began_s if arrived_s is None else arrived_s), is_repeat=True
+            )
+            return
         if components.workers is not None:  # they match meanwhile: no frame waits for the next one
             self._flush()
         self._finish_exchange()
@@ -228,19 +235,26 @@ class Engine(OperatorControls):
         if depth is not None:
             self._tell_capacity(monotonic() - began_s, thread_time() - began_cpu_s)
         gauges.update_frame(depth, outcome.speed_mm_s)
+        self._notify_frame(frames, monotonic() - (began_s if arrived_s is None else arrived_s))
+
+    def _notify_frame(self, frames: FrameSet, seconds: float, *, is_repeat: bool = False) -> None:
+        """Pass the gauges on after a frame set; ``seconds`` is the time since its arrival."""
+        components, gauges = self._components, self._components.gauges
         components.observer.on_frame(
             FrameEvent(
                 frames,
                 self._done,
                 components.queue.dropped,
                 len(components.queue),
-                monotonic() - (began_s if arrived_s is None else arrived_s),
-                0.0 if depth is None else depth.coverage,
-                outcome.speed_mm_s,
+                seconds,
+                gauges.coverage,
+                gauges.speed_mm_s,
                 gauges.last_lump_mm,
                 gauges.full_area_mm2,
                 gauges.capacity,
                 self._view_mm,
+                self._repeated,
+                is_repeat,
             )
         )
 
@@ -375,6 +389,7 @@ class Engine(OperatorControls):
         return replace(
             components.gauges.collect_readings(components.queue.dropped),
             cameras=components.source.health(),
+            core=components.measurement.context.rig.core,
             history_trouble=next((text for text in troubles if text), ""),
             history_repair=self._repair.text,
             users_trouble=components.users_trouble(),

@@ -142,6 +142,13 @@ class Gauges:
         self.speed_mm_s, self.depth = speed_mm_s, depth
         self.coverage = 0.0 if depth is None else depth.coverage
 
+    def update_repeat(self, speed_mm_s: float) -> None:
+        """Take over a frame that shows the belt of the last measured one: what was measured there holds for it."""
+        was_measured = self.measured_s == self.last_frame_s
+        self.last_frame_s = monotonic()
+        self.measured_s = self.last_frame_s if was_measured else self.measured_s
+        self.speed_mm_s = speed_mm_s
+
     def count_dropped(self, total: int) -> float:
         """Return the number of frame sets dropped in the last minute."""
         now = monotonic()

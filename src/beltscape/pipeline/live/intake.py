@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import monotonic
 from typing import Protocol
@@ -18,6 +18,7 @@ import numpy as np
 from beltscape.core.events import FrameEvent, Maintenance
 from beltscape.core.frames import FrameSet
 from beltscape.core.interfaces import Observer
+from beltscape.pipeline.live.frame_choice import find_least_needed
 from beltscape.sources.genicam.adaptive_exposure import ExposureChange, ExposureController, measure_level
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -114,19 +115,6 @@ class FrameQueue:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-
-
-def find_least_needed(last: FrameSet | None, waiting: Sequence[FrameSet]) -> int:
-    """Return which of the waiting frame sets, but for the newest, may go: its neighbours lie closest together.
-
-    ``last`` is the frame set before them. Distances are those of the belt's positions where all are known, else of
-    their order. Of equal ones the oldest goes.
-    """
-    known = [waiting[0] if last is None else last, *waiting]
-    positions_mm = [each.position_mm for each in known if each.position_mm is not None]
-    places = positions_mm if len(positions_mm) == len(known) else range(len(known))
-    gaps = [abs(after - before) for before, after in zip(places[:-2], places[2:], strict=True)]
-    return gaps.index(min(gaps)) if gaps else 0
 
 
 LogChange = Callable[[str, Mapping[str, object]], None]

@@ -28,6 +28,7 @@ from beltscape.measure.flow.blocks import BeltPiece
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.live.frame_choice import RepeatChoice
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
@@ -130,6 +131,8 @@ class Outcome:
     """Present speed of the belt; NaN: not known."""
     findings: tuple[Finding, ...] = ()
     """The findings of all checks of the frame set."""
+    is_repeat: bool = False
+    """Whether its images were checked only: it shows the belt of the last matched frame set."""
 
 
 class MeasurementRun:
@@ -142,14 +145,23 @@ class MeasurementRun:
         cameras: Sequence[str],
         wall_ns: Callable[[], int],
         reporter: Reporter,
+        *,
+        matches_all: bool = False,
     ) -> None:
-        """``state`` is the end of the ledger; ``wall_ns`` is the system clock."""
-        self.context = context
+        """``state`` is the end of the ledger; ``wall_ns`` is the system clock.
+
+        ``matches_all``: a belt at rest is matched at the full rate, too.
+        """
+        self.context, self._matches_all = context, matches_all
         self._cameras, self._wall_ns, self._reporter = tuple(cameras), wall_ns, reporter
         self._ledger = Ledger(state, cameras)
         self._stretches: list[BeltStretch] = []
         self._sections = SectionBuffer(context.empty_belt)
         self._chain: FlowChain | None = None
+        self._choice = self._expected = RepeatChoice(0.0)
+        """Which frame sets are matched; of those that are submitted, which will probably be."""
+        self._tag = _NO_TAG
+        """What the last matched frame set was counted for."""
         self._has_encoder = False
         """Whether a frame set of the present meter had an encoder reading."""
         self._needs_new_meter = False
@@ -184,11 +196,16 @@ class MeasurementRun:
         submit = self.context.submit
         if submit is None or not frames.images:
             return None
-        resized, empty_belt = self._resize(frames), self.context.empty_belt
-        if self._chain is None:
+        resized, empty_belt, chain = self._resize(frames), self.context.empty_belt, self._chain
+        if chain is None:
             limits = self.context.belt_limits or BeltLimits()
             return submit(resized, MeasurementRequest(SharedObject(empty_belt), limits, None, ahead))
-        return submit(resized, self._chain.expect(resized, ahead, empty_belt))
+        if chain.meter.follows_encoder and self._expected.is_near(frames) and self._expected.is_soon(frames):
+            limits = self.context.belt_limits or BeltLimits()
+            request = MeasurementRequest(SharedObject(empty_belt), limits, None, ahead)
+            return submit(resized, replace(request, is_repeat=True))
+        self._expected.note_matched(frames)
+        return submit(resized, chain.expect(resized, ahead, empty_belt))
 
     def push(
         self,
@@ -202,6 +219,8 @@ class MeasurementRun:
         ``findings`` are further ones about it; its record is counted for ``tag``. ``pending`` is what `submit`
         returned for it; the result is the same without.
         """
+        if self._is_repeat(frames, tag, pending):
+            return self._pass_over(frames, findings)
         entries = self._change_context(frames)
         if pending is not None and (not frames.images or pending.matcher is not self.context.matcher):
             pending = None  # its images do not count any more, or it was submitted in the context before
@@ -214,17 +233,46 @@ class MeasurementRun:
             entries += self._finish_meter(frames, self._chain, self.context.empty_belt)
             self._chain = self._continue_meter(frames, self._chain.meter)
         self._has_encoder |= frames.position_mm is not None
+        if frames.images:
+            self._choice.note_matched(frames)
+            self._tag = tag
         whole = set(self._cameras) <= set(frames.images)
         self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm, tag)
-        resized = (
-            self._resize(frames) if pending is None else replace(frames, images=pending.frame_set.images)
-        )
+        resized = self._resize_pending(frames, pending)
         result = self._chain.push(resized, self._reporter, whole=whole, findings=findings, pending=pending)
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []
         speed = self._chain.meter.motion.speed
         speed_mm_s = float("nan") if speed is None else speed
         return Outcome(result.depth, entries, stretches, speed_mm_s, result.findings)
+
+    def _is_repeat(self, frames: FrameSet, tag: RecordTag, pending: PendingFrame | None) -> bool:
+        """Return whether a frame set shows the belt of the last matched one, and need not be matched."""
+        chain, choice = self._chain, self._choice
+        is_other = self._next is not None or self._needs_new_meter or tag != self._tag
+        is_other |= pending is not None and pending.matcher is not self.context.matcher
+        if chain is None or self._matches_all or is_other or not choice.is_near(frames):
+            return False
+        resized, has_moved = self._resize_pending(frames, pending), choice.has_moved(frames)
+        if not chain.check_repeat(resized, self._reporter, pending, has_moved=has_moved):
+            choice.note_change(frames)
+            self._expected.note_change(frames)
+            return False
+        return choice.is_soon(frames)
+
+    def _pass_over(self, frames: FrameSet, findings: Sequence[Finding]) -> Outcome:
+        """Return the outcome of a frame set that repeats the last matched one.
+
+        Its belt, if it has moved at all, is counted with the strip of the next frame set that is matched, as that
+        of a frame set that the queue gave up.
+        """
+        assert self._chain is not None
+        speed_mm_s = self._choice.compute_speed_mm_s(frames) / self._chain.meter.scale.ratio
+        self._choice.note_passed(frames)
+        result = self._chain.pass_over(frames, self._reporter)
+        outcome = self._without_frame(result.records)
+        found = (*findings, *result.findings, *outcome.findings)
+        return replace(outcome, speed_mm_s=speed_mm_s, findings=found, is_repeat=True)
 
     def flush(self) -> Outcome:
         """Measure the frame that is matched but not measured yet: the entries are the same, but earlier."""
@@ -319,6 +367,7 @@ class MeasurementRun:
             scale_sigma=context.rig.scale_sigma,
             calls=context.calls,
         )
+        self._choice, self._expected = RepeatChoice(meter.step_mm), RepeatChoice(meter.step_mm)
         if self._chain is not None:
             self._chain.restart(meter)
             return self._chain
@@ -345,6 +394,10 @@ class MeasurementRun:
             if section is not None:
                 sections[record.frame] = section
         return self._ledger.make_entries(records, sections, self._wall_ns())
+
+    def _resize_pending(self, frames: FrameSet, pending: PendingFrame | None) -> FrameSet:
+        """Return the frame set at the size that is matched, to which it was brought when it was submitted."""
+        return self._resize(frames) if pending is None else replace(frames, images=pending.frame_set.images)
 
     def _resize(self, frames: FrameSet) -> FrameSet:
         """Return the frame set with its images at the size that is matched."""

@@ -30,7 +30,7 @@ from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
-from beltscape.pipeline.reconstructing.monitored_matcher import PendingFrame
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher, PendingFrame
 from beltscape.workers.transport import SharedObject
 
 _OTHER_RAD = 1.5e-3
@@ -158,6 +158,8 @@ class FlowChain:
         self._matching = ThreadPoolExecutor(1, "matcher")
         self._waiting: _MatchedFrame | None = None
         """The previous frame while it is not measured yet."""
+        self._early: list[FlowRecord] = []
+        """Records of frames that were measured by `pass_over`, for the next call of `flush`."""
         self._findings: list[Finding] = []
         """The findings about heights and motion since the last `pop_findings`."""
         self._belt_limits = belt_limits
@@ -197,6 +199,26 @@ class FlowChain:
         )
         return ChainResult(depth, records, (*findings, *cameras, *self.pop_findings()))
 
+    def check_repeat(
+        self, frames: FrameSet, reporter: Reporter, pending: PendingFrame | None, *, has_moved: bool
+    ) -> bool:
+        """Check the images of a frame set that the encoder puts beside the last matched one; return if it may pass.
+
+        It must be pushed while the encoder is in doubt, or where its images show something new. ``has_moved``: the
+        encoder has counted since the frame before. That one is measured first, so that no thread decides.
+        """
+        self._early = self.flush()
+        self._report(reporter)
+        if not self.meter.follows_encoder or not isinstance(self._matcher, MonitoredMatcher):
+            return False
+        return self._matcher.check_repeat(frames, pending, has_moved=has_moved)
+
+    def pass_over(self, frames: FrameSet, reporter: Reporter) -> ChainResult:
+        """Leave out the match of the frame set that `check_repeat` checked."""
+        assert isinstance(self._matcher, MonitoredMatcher)
+        self._matcher.pass_over(frames, reporter)
+        return ChainResult(None, self.flush(), (*self._matcher.findings, *self.pop_findings()))
+
     def expect(self, frames: FrameSet, ahead: int, reference: EmptyBeltReference) -> MeasurementRequest:
         """Return what will probably be needed of a frame set, before which ``ahead`` others are still to be pushed.
 
@@ -217,9 +239,12 @@ class FlowChain:
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
+        early, self._early = self._early, []
         one, self._waiting = self._waiting, None
-        if one is None:
-            return []
+        return early if one is None else early + self._measure(one)
+
+    def _measure(self, one: _MatchedFrame) -> list[FlowRecord]:
+        """Measure a frame that is matched; return the records that it completes."""
         known = self._get_known(one)
         # the instants are those of the frame before
         delays = () if self._images is None else self._images.complete_synchronisation()

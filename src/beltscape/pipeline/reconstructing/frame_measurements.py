@@ -126,6 +126,8 @@ class MeasurementRequest:
     """The check of the cameras; None: they are not checked."""
     usual: DepthSummary | None = None
     """The cameras are checked where the depth differs from this one; None: in any case."""
+    is_repeat: bool = False
+    """Whether the frame probably shows what the one before shows, and is not matched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,6 +61,10 @@ class MonitoredMatcher:
         self._findings: tuple[Finding, ...] = ()
         self._is_whole = True
         self._reported: set[tuple[str, str]] = set()
+        self._checked: tuple[str, ImageCheck] | None = None
+        """Name and check of the next frame to be matched, where it was made already."""
+        self._faults: frozenset[tuple[str, str]] | None = None
+        """Check and camera of the faults of the images that were matched last; None: their frame gave no depth."""
 
     @property
     def is_inconsistent(self) -> bool:
@@ -80,21 +84,48 @@ class MonitoredMatcher:
         ReconstructionError
             When the checks leave nothing to match, or the images do not suffice.
         """
-        check = self._monitor.check_images(frame_set)
+        check = self._take_check(frame_set, None)
         return self._measure(frame_set, check, self._matcher.reconstruct, reporter)
+
+    def check_repeat(self, frame_set: FrameSet, pending: PendingFrame | None, *, has_moved: bool) -> bool:
+        """Check a frame's images; return whether they show only what the frame before showed, so that it may pass.
+
+        ``has_moved``: the belt has moved since then, so that its images differ anyway. A frame may not pass whose
+        images have other faults than those that were matched last, nor one before the references are learned. The
+        next call, of `pass_over`, `reconstruct` or `complete`, is to be for this very frame.
+        """
+        if not self._monitor.checks_images or self._monitor.is_learning:
+            return False
+        check = self._take_check(frame_set, pending)
+        self._checked = frame_set.frame, check
+        shows_same = check.is_still or has_moved
+        return shows_same and bool(check.frames.images) and _list_faults(check) == self._faults
+
+    def pass_over(self, frame_set: FrameSet, reporter: Reporter) -> None:
+        """Leave out the match of the frame that `check_repeat` checked; `findings` are then those of its images."""
+        self._findings = self._take_check(frame_set, None).findings
+        self._report(frame_set, self._findings, reporter)
+
+    def _take_check(self, frame_set: FrameSet, pending: PendingFrame | None) -> ImageCheck:
+        """Return the check of a frame's images, each frame's once."""
+        checked, self._checked = self._checked, None
+        if checked is not None and checked[0] == frame_set.frame:
+            return checked[1]
+        sampled = None if pending is None or pending.match is None else pending.match.find_images()
+        return self._monitor.check_images(frame_set, sampled)
 
     def submit(self, frame_set: FrameSet, pool: MatchPool, request: MeasurementRequest) -> PendingFrame:
         """Begin to match a frame in a pool, and to measure in it what is requested and what its checks need.
 
         It is matched with the cameras that will probably pass the checks, which `complete` makes: they need the
-        statistics of the images, which the pool computes.
+        statistics of the images, which the pool computes. Where it will probably not be matched, nothing is begun.
         """
         assert isinstance(self._matcher, CheckedMatcher)
         expected, images = self._monitor.expect(), frame_set.images
         left_out = {name: image for name, image in images.items() if name in expected.left_out}
         matched = {name: image for name, image in images.items() if name not in left_out}
         match = None
-        if expected.matches and matched:
+        if expected.matches and matched and not request.is_repeat:
             asked = request
             if self._monitor.checks_images:
                 asked = replace(request, images=ImageRequest(left_out, expected.window_cameras))
@@ -104,8 +135,7 @@ class MonitoredMatcher:
     def complete(self, pending: PendingFrame, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame that was submitted; errors as `reconstruct`."""
         assert isinstance(self._matcher, CheckedMatcher)
-        sampled = None if pending.match is None else pending.match.find_images()
-        check = self._monitor.check_images(pending.frame_set, sampled)
+        check = self._take_check(pending.frame_set, pending)
         cameras = check.frames.images.keys()
         if cameras and (pending.match is None or cameras != pending.cameras):
             match = self._matcher.submit(check.frames, pending.pool, pending.request)
@@ -121,7 +151,7 @@ class MonitoredMatcher:
         reporter: Reporter,
         pending: PendingFrame | None = None,
     ) -> DepthMap:
-        self._findings, self._is_whole = check.findings, check.is_whole
+        self._findings, self._is_whole, self._faults = check.findings, check.is_whole, None
         self._report(frame_set, check.findings, reporter)
         faults = summarise_faults(one for one in check.findings if one.effect != "none")
         if faults and not check.frames.images:
@@ -131,6 +161,7 @@ class MonitoredMatcher:
             depth = match(check.frames if check.frames.images else frame_set, reporter)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
+        self._faults = _list_faults(check)
         found = None if pending is None else pending.find_measurements(depth)
         dirt = self._monitor.check_depth(check, depth, None if found is None else found[1].light)
         self._report(frame_set, dirt, reporter)
@@ -143,3 +174,10 @@ class MonitoredMatcher:
             if one.is_fault and (one.check, one.subject) not in self._reported:
                 self._reported.add((one.check, one.subject))
                 reporter.warn(f"frame {frame_set.frame}: {one.text}")
+
+
+def _list_faults(check: ImageCheck) -> frozenset[tuple[str, str]]:
+    """Return check and camera of the faults that concern the records; warnings need no depth."""
+    return frozenset(
+        (one.check, one.subject) for one in check.findings if one.is_fault and one.effect != "none"
+    )

@@ -127,6 +127,11 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Metric]:
             "Frame sets left out since the start, newer ones being there.",
             frames.dropped,
         ),
+        _make_counter(
+            "frame_sets_repeated_total",
+            "Frame sets of a belt at rest or creeping that showed what the last one showed, and were not matched.",
+            frames.repeated,
+        ),
         _make_gauge(
             "capacity_frame_sets_per_second",
             "Frame sets that the computer can measure in a second.",

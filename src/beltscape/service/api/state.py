@@ -37,6 +37,7 @@ class FramesOut(ResponseModel):
 
     done: int
     dropped: int
+    repeated: Annotated[int, Field(description="Not matched: the belt of the last one, at rest or creeping")]
     waiting: int
     seconds: Annotated[Number, Field(description="Time that the last one took")]
     coverage: Annotated[Number, Field(description="Share of the last one that was measured, 0..1")]
@@ -145,6 +146,7 @@ class StateOut(ResponseModel):
             frames=FramesOut(
                 done=frames.done,
                 dropped=frames.dropped,
+                repeated=frames.repeated,
                 waiting=frames.waiting,
                 seconds=frames.seconds,
                 coverage=frames.coverage,

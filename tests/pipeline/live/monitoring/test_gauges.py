@@ -85,3 +85,21 @@ def test_findings_reach_the_alarms_and_expire(monkeypatch: pytest.MonkeyPatch) -
     assert {one.subject: one.is_fault for one in read(gauges).findings} == {"": True, "cam2": False}
     now_s = 200.0
     assert list(read(gauges).findings) == []
+
+
+def test_a_repeat_confirms_the_last_measured_frame_and_has_a_speed_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 50.0
+    monkeypatch.setattr(module, "monotonic", lambda: now_s)
+    gauges = Gauges(1e5, stale_s=0.5)
+    gauges.add([make_entry("valid")])
+    gauges.update_frame(MEASURED, 600.0)
+    now_s = 50.4
+    gauges.update_repeat(0.0)
+    assert (gauges.measured_s, gauges.coverage) == (50.4, 0.9)
+    assert read(gauges).volume_flow_m3_h == 0.0
+    gauges.update_frame(None, 0.0)
+    now_s = 50.45
+    gauges.update_repeat(0.0)
+    assert gauges.measured_s == 50.4  # the last frame that was to be matched gave no depth

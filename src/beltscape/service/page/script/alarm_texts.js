@@ -93,5 +93,6 @@ function list_titles(names) {
 
 /** Return why an alarm is suppressed: a state of the plant, or what a person wrote. */
 export function describe_suppression(reason) {
-  return t("alarms.suppressed", { reason: has_text(`suppression.${reason}`) ? t(`suppression.${reason}`) : reason });
+  const key = [`suppression.${reason}`, `alarm.${reason}`, `check.${reason}`].find(has_text);
+  return t("alarms.suppressed", { reason: key ? t(key) : reason });
 }

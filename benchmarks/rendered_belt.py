@@ -74,7 +74,7 @@ def read_seen_heights(rendered: Path) -> TrueBelt:
     height_mm = np.full(grid.shape[:2], np.nan)
     for one in points:  # a place that two frames see gets the height of the later one: both are true
         tree = KDTree(one[:, :2])
-        distance, nearest = tree.query(grid, distance_upper_bound=_REACH_MM)  # pyrefly: ignore[unexpected-keyword]
+        distance, nearest = tree.query(grid, distance_upper_bound=_REACH_MM)
         known = np.isfinite(distance)
         height_mm[known] = one[nearest[known], 2]
     return TrueBelt(x_mm, y_mm, height_mm, places, core_from_world)

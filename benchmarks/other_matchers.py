@@ -115,10 +115,23 @@ def score_match(name: str, match: MatchedDepth, scene: Scene, cpu_s: float) -> s
         widths.append((farthest - nearest)[known])
     cells = (
         name, f"{score.within_1mm:.1%}", f"{score.within_quarter_mm:.1%}", f"{score.gross:.2%}",
-        f"{score.coverage:.1%}", f"{compute_false_fill(depth, scene.occluded):.1%}", f"{score.sigma_ratio:.2f}",
-        f"{np.concatenate(held).mean():.1%}", f"{np.median(np.concatenate(widths)):.2f}", f"{cpu_s:.1f}",
+        f"{score.coverage:.1%}", f"{compute_false_fill(depth, scene.occluded):.1%}",
+        _format(score.sigma_ratio, ".2f"), _format(_mean(np.concatenate(held)), ".1%"),
+        _format(_median(np.concatenate(widths)), ".2f"), f"{cpu_s:.1f}",
     )  # fmt: skip
     return format_cells(cells)
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if values.size else np.nan
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if values.size else np.nan
+
+
+def _format(value: float, form: str) -> str:
+    return "–" if np.isnan(value) else format(value, form)
 
 
 def read_scenes(rendered: Path, names: list[str]) -> Iterator[Scene]:
@@ -170,10 +183,10 @@ def main() -> None:
         "Shares are of all true pixels of the scene's surface that the projector can light; gross: off by more than",
         "5 mm, of the measured; false fill: pixels that no auxiliary sees and that carry a depth. The interval is",
         f"that of {COVERAGE:.0%}: ±1.64 σ of the averaged depth, and Pandora's own intervals of each pair; holds:",
-        "share of the measured pixels away from steps whose true depth lies within it. MC-CNN has the weights that",
-        "Pandora ships. CPU s: of a frame of a prepared matcher, its first. Programs of digital image correlation",
-        "are not among the peers: OpenCorr is in no package registry, and muDIC fits one smooth mesh to the whole",
-        "image.",
+        "share of the measured pixels away from steps whose true depth lies within it; –: all lie near steps. MC-CNN",
+        "has the weights that Pandora ships. CPU s: of a frame of a prepared matcher, its first. Programs of digital",
+        "image correlation are not among the peers: OpenCorr is in no package registry, and muDIC fits one smooth",
+        "mesh to the whole image.",
     ]  # fmt: skip
     for scene in read_scenes(arguments.rendered, arguments.scenes):
         for line in compare(scene):

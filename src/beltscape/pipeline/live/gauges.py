@@ -144,9 +144,8 @@ class Gauges:
 
     def update_repeat(self, speed_mm_s: float) -> None:
         """Take over a frame that shows the belt of the last measured one: what was measured there holds for it."""
-        was_measured = self.measured_s == self.last_frame_s
         self.last_frame_s = monotonic()
-        self.measured_s = self.last_frame_s if was_measured else self.measured_s
+        self.measured_s = self.last_frame_s if self.depth is not None else self.measured_s
         self.speed_mm_s = speed_mm_s
 
     def count_dropped(self, total: int) -> float:

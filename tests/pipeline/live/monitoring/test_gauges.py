@@ -95,6 +95,7 @@ def test_a_repeat_confirms_the_last_measured_frame_and_has_a_speed_of_its_own(
     gauges = Gauges(1e5, stale_s=0.5)
     gauges.add([make_entry("valid")])
     gauges.update_frame(MEASURED, 600.0)
+    gauges.depth = None  # as an inspection leaves it
     now_s = 50.4
     gauges.update_repeat(0.0)
     assert (gauges.measured_s, gauges.coverage) == (50.4, 0.9)

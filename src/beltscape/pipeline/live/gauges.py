@@ -99,6 +99,8 @@ class Gauges:
     coverage: float = _NAN
     measured_s: float = float("-inf")
     """Monotonic clock at the last frame that gave depth."""
+    last_frame_s: float = float("-inf")
+    """Monotonic clock at the last frame of any kind."""
     is_measured: bool = False
     """Whether the last frame that was to be matched gave depth."""
     depth: DepthMap | None = None
@@ -136,16 +138,17 @@ class Gauges:
 
     def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
         """Take over the result of a frame."""
-        now = monotonic()
-        self.pace.add(now)
+        self.last_frame_s = monotonic()
+        self.pace.add(self.last_frame_s)
         self.is_measured = depth is not None
-        self.measured_s = now if self.is_measured else self.measured_s
+        self.measured_s = self.last_frame_s if self.is_measured else self.measured_s
         self.speed_mm_s, self.depth = speed_mm_s, depth
         self.coverage = 0.0 if depth is None else depth.coverage
 
     def update_repeat(self, speed_mm_s: float) -> None:
         """Take over a frame that shows the belt of the last measured one: what was measured there holds for it."""
-        self.measured_s = monotonic() if self.is_measured else self.measured_s
+        self.last_frame_s = monotonic()
+        self.measured_s = self.last_frame_s if self.is_measured else self.measured_s
         self.speed_mm_s = speed_mm_s
 
     def count_dropped(self, total: int) -> float:

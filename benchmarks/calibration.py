@@ -7,7 +7,6 @@ stands in its own row, and held-out scores, covariance and report are in none.
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from beltscape.evaluate.depth_scores import score_rig_against_truth
 from beltscape.files.capture import read_capture
 from beltscape.kernels import load
 from beltscape.target.board import Board, CharucoBoard, Chessboard, read_board
-from captures import parse_true_rig
+from captures import read_true_rig
 
 RECORDED: dict[str, Board] = {
     "opencv_stereo": Chessboard(corners=(9, 6), square_mm=25),
@@ -46,7 +45,7 @@ def calibration(rendered: Path) -> tuple[list[str], Rig | None]:
 
 
 def _compare_with_truth(rendered: Path) -> tuple[list[str], Rig]:
-    truth = parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
+    truth = read_true_rig(rendered)
     board = read_board(rendered / "board.toml")
     start = time.process_time()
     detections, _ = detect_board(read_capture(rendered / "calibration"), board, Silent())

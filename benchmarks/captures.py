@@ -112,6 +112,11 @@ def _halve_truth(
     return depth, labels[::step, ::step], np.asarray(occluded.reshape(shape).all(axis=(1, 3)))
 
 
+def read_true_rig(rendered: Path) -> Rig:
+    """Return the true rig of a folder of rendered captures."""
+    return parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text("utf-8")))
+
+
 def parse_true_rig(truth: dict) -> Rig:
     cameras, poses = {}, {}
     for name, entry in truth["cameras"].items():

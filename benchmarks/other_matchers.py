@@ -26,6 +26,7 @@ import numpy as np
 from axes import list_scenarios, read_scene
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
+from beltscape.core.statistics import compute_median
 from beltscape.evaluate.depth_scores import interior_mask, score_depth
 from beltscape.evaluate.frame_scores import compute_false_fill
 from beltscape.stereo.multiview.depth_range import find_depth_range
@@ -117,17 +118,13 @@ def score_match(name: str, match: MatchedDepth, scene: Scene, cpu_s: float) -> s
         name, f"{score.within_1mm:.1%}", f"{score.within_quarter_mm:.1%}", f"{score.gross:.2%}",
         f"{score.coverage:.1%}", f"{compute_false_fill(depth, scene.occluded):.1%}",
         _format(score.sigma_ratio, ".2f"), _format(_mean(np.concatenate(held)), ".1%"),
-        _format(_median(np.concatenate(widths)), ".2f"), f"{cpu_s:.1f}",
+        _format(compute_median(np.concatenate(widths)), ".2f"), f"{cpu_s:.1f}",
     )  # fmt: skip
     return format_cells(cells)
 
 
 def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else np.nan
-
-
-def _median(values: np.ndarray) -> float:
-    return float(np.median(values)) if values.size else np.nan
 
 
 def _format(value: float, form: str) -> str:

@@ -16,7 +16,6 @@ frame sets, and that of the records from their own frame set on and from the las
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -24,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.geometry.rig import Rig
-from captures import parse_true_rig
+from captures import read_true_rig
 from live import make_plant, replay
 from results import ROOT
 from tables import format_cells, format_head
@@ -153,7 +152,7 @@ def main() -> None:
     parser.add_argument("--workers", nargs="*", type=int, default=WORKERS)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     chosen = parser.parse_args()
-    rig = parse_true_rig(json.loads((chosen.rendered / "truth" / "rig.json").read_text("utf-8")))
+    rig = read_true_rig(chosen.rendered)
     for line in tabulate(chosen.rendered, rig, chosen.widths, chosen.presets, chosen.workers, chosen.rounds):
         print(line, flush=True)
 

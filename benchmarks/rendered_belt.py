@@ -19,7 +19,7 @@ from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Silent
 from beltscape.evaluate.belt_scores import TrueBelt
 from beltscape.pipeline.measuring import flow
-from captures import parse_true_rig
+from captures import read_true_rig
 from live import make_plant
 
 _WIDTH_PX = 612
@@ -33,7 +33,7 @@ _REACH_MM = 1.2
 
 def read_rig(rendered: Path) -> Rig:
     """Return the true rig at the size of the moving belt's images."""
-    rig = parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text("utf-8")))
+    rig = read_true_rig(rendered)
     return scale_rig(rig, _WIDTH_PX / rig.core_camera.size_px[0])
 
 
@@ -41,8 +41,7 @@ def measure_flow(rendered: Path, cache: Path, preset: str) -> flow.Flow:
     """Return the flow of the moving belt, with its encoder; its empty belt is reconstructed in ``cache``."""
     capture, empty = cache / f"capture{_WIDTH_PX}", cache / f"empty{_WIDTH_PX}" / "out"
     if not empty.is_dir():
-        whole = parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text("utf-8")))
-        capture, empty = make_plant(rendered, whole, cache, _WIDTH_PX)
+        capture, empty = make_plant(rendered, read_true_rig(rendered), cache, _WIDTH_PX)
     encoder = capture / "encoder.csv"
     return flow.measure_flow_of_capture(
         capture, read_rig(rendered), empty, Silent(), encoder=encoder, preset=preset

@@ -11,7 +11,6 @@ time for a second of belt, and the volumes with their σ.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -33,7 +32,7 @@ from beltscape.pipeline.live.project import RunSettings, read_project
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
-from captures import parse_true_rig
+from captures import read_true_rig
 from live import make_plant
 from results import ROOT
 
@@ -77,7 +76,7 @@ def add_noise(image: Image, camera: str, number: int) -> Image:
 
 def stop_belt(rendered: Path, folder: Path, seconds: float) -> Belt:
     """Return the rendered belt of another renderer, which stops."""
-    rig = parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
+    rig = read_true_rig(rendered)
     images, empty = make_plant(rendered, rig, folder, 612)
     moving = read_sets(images)[:RUNNING]
     last = moving[-1]

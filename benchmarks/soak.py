@@ -18,10 +18,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,9 +28,9 @@ import numpy as np
 from beltscape.core.ledger import BeltRecord
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from captures import parse_true_rig
+from captures import read_true_rig
 from live import make_plant, pace_capture
-from protocols.clients import CLIENTS, READ
+from protocols.clients import READ, read_all
 from protocols.load import find_broker, find_port, run_broker
 from results import ROOT
 from timing import memory_mb
@@ -48,8 +46,6 @@ _TABLES = {
 }
 """By table of project.toml with a port: its text."""
 _END_NS, _PAGE = 1 << 62, 5000
-_CLIENT_S = 10.0
-"""Longest wait for the end of a client."""
 _PARTS = 10
 """Parts of the time for which the delay is stated."""
 
@@ -75,25 +71,6 @@ def list_family(process: int) -> list[int]:
     children = Path(f"/proc/{process}/task/{process}/children")
     began = children.read_text().split() if children.exists() else []
     return [process, *(one for child in began for one in list_family(int(child)))]
-
-
-@contextmanager
-def read_all(ports: Mapping[str, int]) -> Generator[None]:
-    """Let one client of each protocol, and an open page, read the plant."""
-    ended = threading.Event()
-    clients = [
-        threading.Thread(target=CLIENTS[name], args=(port, ended), daemon=True)
-        for name, port in ports.items()
-        if name in CLIENTS
-    ]
-    for client in clients:
-        client.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        for client in clients:
-            client.join(_CLIENT_S)
 
 
 def follow_memory(program: subprocess.Popen[str], minutes: float) -> list[float]:
@@ -155,7 +132,7 @@ def main() -> None:
     parser.add_argument("--preset", default="fast")
     parser.add_argument("--workers", default='"auto"')
     chosen = parser.parse_args()
-    rig = parse_true_rig(json.loads((chosen.rendered / "truth" / "rig.json").read_text("utf-8")))
+    rig = read_true_rig(chosen.rendered)
     for name in (
         "asyncua",
         "pymodbus_internal",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from contextlib import suppress
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 READ: dict[str, int] = dict.fromkeys(("web", "modbus", "mqtt", "sparkplug", "opcua", "outputs"), 0)
@@ -127,3 +128,24 @@ CLIENTS = {
     "outputs": run_module,
 }
 """By protocol: what reads it in the process of the benchmark."""
+_CLIENT_S = 10.0
+"""Longest wait for the end of a client."""
+
+
+@contextmanager
+def read_all(ports: Mapping[str, int]) -> Generator[None]:
+    """Let one client of each protocol, and an open page, read what is served at these ports."""
+    ended = threading.Event()
+    clients = [
+        threading.Thread(target=CLIENTS[name], args=(port, ended), daemon=True)
+        for name, port in ports.items()
+        if name in CLIENTS
+    ]
+    for client in clients:
+        client.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        for client in clients:
+            client.join(_CLIENT_S)

@@ -16,7 +16,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -44,7 +43,7 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from protocols.clients import CLIENTS, READ
+from protocols.clients import READ, read_all
 
 NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
 matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
@@ -129,21 +128,11 @@ def measure(names: tuple[str, ...], seconds: float) -> Load:
     ):
         ports = {name: broker if name in BROKERED else find_port() for name in names}
         words = ["--serve", json.dumps(ports), "--folder", folder, "--seconds", str(seconds)]
-        ended = threading.Event()
-        clients = [
-            threading.Thread(target=CLIENTS[name], args=(ports[name], ended))
-            for name in names
-            if name in CLIENTS
-        ]
         before = dict(READ)
-        for client in clients:
-            client.start()
         command = [sys.executable, "-m", "protocols.load", *words]
-        process = subprocess.Popen(command, cwd=BENCHMARKS, stdout=subprocess.PIPE, text=True)
-        out, _ = process.communicate()
-        ended.set()
-        for client in clients:
-            client.join()
+        with read_all(ports):
+            process = subprocess.Popen(command, cwd=BENCHMARKS, stdout=subprocess.PIPE, text=True)
+            out, _ = process.communicate()
     idle = [name for name in READ if name in names and READ[name] - before[name] < seconds]
     if idle:
         raise RuntimeError(f"the client of {idle[0]} read nothing")

@@ -128,7 +128,7 @@ def _prepare_on_gpu(
 
 
 def _take(image: Image, weights: NDArray[np.float32], kernels: Kernels) -> TakenImage:
-    """Return an image for the GPU; its array becomes read-only for whoever has it from here."""
+    """Return an image for the GPU; its array is read-only from then on."""
     if image.ndim == 2:
         return TakenImage(kernels.keep(image.view()), 0.0)
     level = mix_channels(image, weights)

@@ -30,8 +30,8 @@ from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from captures import read_true_rig
 from live import make_plant, pace_capture
-from protocols.clients import READ, read_all
-from protocols.load import find_broker, find_port, run_broker
+from protocols.clients import describe_reading, read_all
+from protocols.load import find_broker, find_ports, run_broker
 from results import ROOT
 from timing import memory_mb
 
@@ -140,7 +140,7 @@ def main() -> None:
     ):  # clients begin before the servers and outlive them
         logging.getLogger(name).setLevel(logging.CRITICAL)
     has_broker = find_broker() is not None
-    ports = {name: find_port() for name in _TABLES if name != "mqtt" or has_broker}
+    ports = find_ports(name for name in _TABLES if name != "mqtt" or has_broker)
     if not has_broker:
         print("without MQTT: mosquitto is not installed")
     with tempfile.TemporaryDirectory() as folder, run_broker(Path(folder), needed=has_broker) as broker:
@@ -166,7 +166,7 @@ def main() -> None:
         growth = statistics.mean(memory[-third:]) - statistics.mean(memory[:third])
         print(f"memory of the last third over that of the first {growth:+.0f} MB")
         print(f"latency {latency}")
-        print("read by clients: " + ", ".join(f"{name} {READ[name]}" for name in ports if name in READ))
+        print(f"read by clients: {describe_reading(ports)}")
         print("\n".join(describe_ledger(read_ledger(plant / "data"))))
 
 

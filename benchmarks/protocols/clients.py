@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from typing import Any
 
 READ: dict[str, int] = dict.fromkeys(("web", "modbus", "mqtt", "sparkplug", "opcua", "outputs"), 0)
 """By protocol: what its client has read; a benchmark without it measures nothing."""
+ENDED: dict[str, str] = {}
+"""By protocol: the error that ended its client."""
+_RETRY_S = 0.2
+"""Wait before a client that was refused tries again: without it, one that begins before its server takes thousands of
+ports a second, among them those that are still to be served."""
 
 
 def read_modbus(port: int, ended: threading.Event) -> None:
@@ -28,8 +34,7 @@ def read_modbus(port: int, ended: threading.Event) -> None:
 
 def subscribe_opcua(port: int, ended: threading.Event) -> None:
     """Subscribe to every variable of the server."""
-    with suppress(Exception):
-        asyncio.run(_subscribe(port, ended))
+    asyncio.run(_subscribe(port, ended))
 
 
 async def _subscribe(port: int, ended: threading.Event) -> None:
@@ -44,7 +49,7 @@ async def _subscribe(port: int, ended: threading.Event) -> None:
         with suppress(Exception):
             await client.connect()
             break
-        await asyncio.sleep(0.2)
+        await asyncio.sleep(_RETRY_S)
     subscription = await client.create_subscription(500, Handler())
     nodes, variables = [client.nodes.objects], []
     for node in nodes:
@@ -83,8 +88,7 @@ def subscribe_mqtt(name: str, topic: str, port: int, ended: threading.Event) -> 
 
 def run_module(port: int, ended: threading.Event) -> None:
     """Be the I/O module; count the pulses."""
-    with suppress(Exception):
-        asyncio.run(_run_module(port, ended))
+    asyncio.run(_run_module(port, ended))
 
 
 async def _run_module(port: int, ended: threading.Event) -> None:
@@ -117,6 +121,7 @@ def follow_page(port: int, ended: threading.Event) -> None:
         with suppress(WebSocketException, OSError), connect(f"ws://127.0.0.1:{port}/api/live") as page:
             while not ended.is_set():
                 READ["web"] += len(page.recv(timeout=5)) > 0
+        ended.wait(_RETRY_S)
 
 
 CLIENTS = {
@@ -130,14 +135,35 @@ CLIENTS = {
 """By protocol: what reads it in the process of the benchmark."""
 _CLIENT_S = 10.0
 """Longest wait for the end of a client."""
+_LIBRARIES = ("asyncua", "paho.mqtt.client", "pymodbus.client", "pymodbus.server", "websockets.sync.client")
+"""What the clients import: before their threads begin, for two threads can see each other's half imported modules."""
+
+
+def _follow(name: str, port: int, ended: threading.Event) -> None:
+    """Let the client of a protocol read; keep the error that ends it."""
+    try:
+        CLIENTS[name](port, ended)
+    except Exception as error:  # whatever it is, the benchmark states it
+        ENDED[name] = f"{type(error).__name__}: {error}"
+
+
+def describe_reading(names: Iterable[str]) -> str:
+    """Return what the clients of these protocols have read, and the errors that ended them."""
+    return ", ".join(
+        f"{name} {READ[name]}" + (f" (ended by {ENDED[name]})" if name in ENDED else "")
+        for name in names
+        if name in READ
+    )
 
 
 @contextmanager
 def read_all(ports: Mapping[str, int]) -> Generator[None]:
     """Let one client of each protocol, and an open page, read what is served at these ports."""
+    for library in _LIBRARIES:
+        import_module(library)
     ended = threading.Event()
     clients = [
-        threading.Thread(target=CLIENTS[name], args=(port, ended), daemon=True)
+        threading.Thread(target=_follow, args=(name, port, ended), daemon=True)
         for name, port in ports.items()
         if name in CLIENTS
     ]

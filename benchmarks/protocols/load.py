@@ -17,8 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,7 +43,7 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from protocols.clients import READ, read_all
+from protocols.clients import READ, describe_reading, read_all
 
 NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
 matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
@@ -126,7 +126,7 @@ def measure(names: tuple[str, ...], seconds: float) -> Load:
         tempfile.TemporaryDirectory() as folder,
         run_broker(Path(folder), needed=not BROKERED.isdisjoint(names)) as broker,
     ):
-        ports = {name: broker if name in BROKERED else find_port() for name in names}
+        ports = find_ports(names) | dict.fromkeys(BROKERED.intersection(names), broker)
         words = ["--serve", json.dumps(ports), "--folder", folder, "--seconds", str(seconds)]
         before = dict(READ)
         command = [sys.executable, "-m", "protocols.load", *words]
@@ -135,7 +135,7 @@ def measure(names: tuple[str, ...], seconds: float) -> Load:
             out, _ = process.communicate()
     idle = [name for name in READ if name in names and READ[name] - before[name] < seconds]
     if idle:
-        raise RuntimeError(f"the client of {idle[0]} read nothing")
+        raise RuntimeError(f"clients read nothing: {describe_reading(idle)}")
     found = json.loads(out.splitlines()[-1])
     return Load(found["cpu"], tuple(found["frame_ms"]))
 
@@ -223,7 +223,7 @@ def run_broker(folder: Path, *, needed: bool) -> Generator[int]:
     if not needed:
         yield 0
         return
-    program, port = find_broker(), find_port()
+    program, port = find_broker(), find_ports(["mqtt"])["mqtt"]
     assert program is not None
     (folder / "mosquitto.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
     process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stderr=subprocess.DEVNULL)
@@ -235,11 +235,13 @@ def run_broker(folder: Path, *, needed: bool) -> Generator[int]:
         process.wait()
 
 
-def find_port() -> int:
-    """Return a free TCP port."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+def find_ports(names: Iterable[str]) -> dict[str, int]:
+    """Return by name a free TCP port, each another one."""
+    with ExitStack() as held:
+        sockets = {name: held.enter_context(socket.socket()) for name in names}
+        for one in sockets.values():
+            one.bind(("127.0.0.1", 0))
+        return {name: one.getsockname()[1] for name, one in sockets.items()}
 
 
 if __name__ == "__main__":

@@ -27,7 +27,8 @@ multilayer perceptrons with rectifiers (package `learned`), fitted to captures o
 never to photographs and never to the captures that figures are reported for. `make train` at the commit of a
 network fits it again from the simulator's seeds. The scenarios have become wider since (cameras, patterns,
 materials): networks that were fitted to the wider ones are worse on stones and did not replace these
-([Other plants](plants.md#what-limits-small-things-and-few-cameras)). This page is written by `tools/write_model_cards.py`.
+([Other plants](plants.md#what-limits-small-things-and-few-cameras)). This page is written by
+`tools/write_model_cards.py`.
 """
 
 

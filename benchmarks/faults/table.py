@@ -82,14 +82,14 @@ def write_table(
 def renew_rows(path: Path, sections: Sequence[tuple[str, Mapping[str, KeptResult]]]) -> None:
     """Replace the rows of some results, by section and name, in a table that is there; others stay as they are.
 
-    Its first lines name what was renewed, at which commit and on which day. ValueError where a row is not in its
-    section: then the table has to be written as a whole.
+    A row that its section lacks is added to it. The first lines name what was renewed, at which commit and on which
+    day. ValueError without the section: then the table has to be written as a whole.
     """
     lines = path.read_text("utf-8").splitlines()
     renewed: list[str] = []
     for heading, results in sections:
         for name, kept in results.items():
-            lines[_find_row(lines, heading, name)] = format_row(kept.result)
+            _put_row(lines, heading, name, format_row(kept.result))
             renewed.append(f"*{name}* ({heading}) at commit {kept.commit} on {_today()}")
     if renewed:
         head = next(at for at, line in enumerate(lines) if line.startswith("Written by"))
@@ -100,14 +100,18 @@ def renew_rows(path: Path, sections: Sequence[tuple[str, Mapping[str, KeptResult
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _find_row(lines: Sequence[str], heading: str, name: str) -> int:
-    """Return the number of the line that holds a row of a section."""
-    section = ""
-    for at, line in enumerate(lines):
-        section = line.removeprefix("## ") if line.startswith("## ") else section
-        if section == heading and line.startswith(f"| {name} |"):
-            return at
-    raise ValueError(f"FAULTS.md has no row {name!r} under {heading!r}; write it as a whole with --write")
+def _put_row(lines: list[str], heading: str, name: str, row: str) -> None:
+    """Put a row into its section: in the place of the one of its name, else at the end."""
+    if f"## {heading}" not in lines:
+        raise ValueError(f"FAULTS.md has no section {heading!r}; write it as a whole with --write")
+    first = lines.index(f"## {heading}") + 1
+    end = next((at for at in range(first, len(lines)) if lines[at].startswith("## ")), len(lines))
+    rows = [at for at in range(first, end) if lines[at].startswith("| ")]
+    found = next((at for at in rows if lines[at].startswith(f"| {name} |")), None)
+    if found is None:
+        lines.insert(rows[-1] + 1, row)
+    else:
+        lines[found] = row
 
 
 def read_commit() -> str:

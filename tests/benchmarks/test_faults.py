@@ -111,7 +111,7 @@ def test_results_of_parts_add_up_to_one_table(tmp_path):
 
 
 def test_single_rows_of_the_table_are_renewed(tmp_path: Path) -> None:
-    """In their section alone, with the commit; the count follows, and a row that is not there is refused."""
+    """In their section alone, with the commit, or are added to it; the count follows; no section is refused."""
     table, results = import_module("faults.table"), import_module("faults.results")
     row, path = import_module("faults.verdict").RowResult, tmp_path / "FAULTS.md"
     late, sound = row("late", "≤ 2 s", "", "", "", ("not named",)), row("sound", "nothing", "", "", "", ())
@@ -124,5 +124,12 @@ def test_single_rows_of_the_table_are_renewed(tmp_path: Path) -> None:
     changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
     assert [new for _, new in changed[1:]] == ["| late | ≤ 2 s | 1 s |  |  | passed |", "2 passed, 1 failed."]
     assert "Renewed since: *late* (Large) at commit b2" in changed[0][1]
-    with pytest.raises(ValueError, match="no row 'late' under 'Other'"):
+    table.renew_rows(path, [("Large", {"new": results.KeptResult(row("new", "", "", "", "", ()), "c3")})])
+    lines = path.read_text("utf-8").splitlines()
+    assert (
+        lines.index("| new |  |  |  |  | passed |")
+        == lines.index("| sound | nothing |  |  |  | passed |") + 1
+    )
+    assert "3 passed, 1 failed." in lines
+    with pytest.raises(ValueError, match="no section 'Other'"):
         table.renew_rows(path, [("Other", renewed)])

@@ -1,12 +1,12 @@
-"""Sets of fitted networks in one matcher, at equal shares of gross errors: a threshold of confidence decides nothing.
+"""Sets of fitted networks in one matcher, compared at equal shares of gross errors instead of at a threshold.
 
     python benchmarks/networks.py FOLDER … [--rendered RENDERED] [--scenes TEXT …] [--preset NAME] [--gross SHARE …]
                                            [--cache CACHE]
 
 Each FOLDER holds networks, NAME.npz, that take the place of those that ship; *shipped* is in every table. The scenes
 are those of axes.py, rendered once, and with --rendered those of another renderer at full and at half size. Every
-surface that a set of networks finds is sorted by its confidence; the columns state the share of all true pixels that
-are within 1 mm when just so many are accepted that the given share of them is off by more than 5 mm.
+surface that a set of networks finds is sorted by its confidence. A column states the share of all true pixels that
+are within 1 mm and accepted, at the lowest threshold at which the given share of the accepted is off by over 5 mm.
 """
 
 from __future__ import annotations

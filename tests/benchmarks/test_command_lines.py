@@ -346,6 +346,22 @@ def test_other_plants_by_a_stricter_confidence(scenes, monkeypatch, capsys):
     assert strict_gross < gross
 
 
+def test_sets_of_networks_on_other_plants(scenes, monkeypatch, capsys):
+    """A folder without networks leaves those that ship, so both rows hold the same shares."""
+    monkeypatch.setattr(importlib.import_module("axes"), "SCENES", scenes)
+    words = ["--scenes", "small", "--preset", "fast", "--gross", "0.02", "0.1", "--cache", str(scenes.parent)]
+    (scenes.parent / "none").mkdir()
+    monkeypatch.setattr(sys, "argv", ["networks.py", str(scenes.parent / "none"), *words])
+    importlib.import_module("networks").main()
+    head, _, shipped, same = capsys.readouterr().out.splitlines()
+    assert head == "| scene | networks | < 1 mm at 2.0% gross | < 1 mm at 10.0% gross |"
+    rows = [row.strip("| ").split(" | ") for row in (shipped, same)]
+    assert [row[1] for row in rows] == ["shipped", "none"]
+    assert rows[0][2:] == rows[1][2:]
+    strict, mild = (float(share.rstrip("%")) for share in rows[0][2:])
+    assert 0 < strict < mild
+
+
 @pytest.mark.thorough
 def test_flow_over_other_plants(scenes, monkeypatch, capsys):
     benchmark = importlib.import_module("axes_flow")
